@@ -1,0 +1,1 @@
+"""Point clouds: strict readers, the cloud itself, the normalised frame, neighbourhoods."""

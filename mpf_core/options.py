@@ -1,0 +1,288 @@
+"""What a caller may choose, written once: the HTTP schema and the command's flags derive from it.
+
+`Options` is a value. A preset is such a value with a name, nothing else; `options_from` starts at
+a preset and replaces what a caller names. Callers see one flat namespace of fields; the two groups
+(`fit`, `surface`) only say which room reads them. Lengths are in normalised units ([-1, 1]³).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
+from typing import Any
+
+from mpf_core.errors import OptionsError
+
+PRESET_NAMES = ("draft", "balanced", "paper")
+
+
+def option(
+    default: Any,
+    reason: str,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] | None = None,
+    unit: str | None = None,
+    expert: bool = True,
+) -> Any:
+    """A dataclass field with its reason, bounds and unit; `expert` ones are folded away in forms."""
+    metadata = {
+        "reason": reason,
+        "low": low,
+        "high": high,
+        "choices": choices,
+        "unit": unit,
+        "expert": expert,
+    }
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How the field is fitted. Defaults are those of `balanced`."""
+
+    max_iterations: int = option(
+        2000, "Cap on optimiser steps.", low=1, high=200_000, unit="iterations", expert=False
+    )
+    time_budget: float = option(
+        165.0,
+        "Wall-clock cap from the first call to the finished mesh; the surface found so far is "
+        "extracted when it runs out.",
+        low=1.0,
+        high=7 * 86_400.0,
+        unit="s",
+        expert=False,
+    )
+    normals: str = option(
+        "auto",
+        "The normal term: on when PCA normals are measured to be reliable, or forced.",
+        choices=("auto", "on", "off"),
+        expert=False,
+    )
+    closed: bool = option(
+        False,
+        "Start the phase head's last bias at a small negative value, for shapes known to be "
+        "closed (section Network Architecture).",
+        expert=False,
+    )
+    warm_start: bool = option(
+        True, "Regress r and θ to a classical fit first; without it no CPU budget suffices."
+    )
+    warm_fraction: float = option(
+        0.6, "Share of the iterations after which the regression's weight is exactly 0.",
+        low=0.0, high=0.6,
+    )
+    width: int = option(256, "Units per layer (the paper's).", low=8, high=1024)
+    omega: float = option(
+        45.0, "First-layer frequency ω₀: 30 suits solids best, 60 leaves; a compromise.",
+        low=1.0, high=200.0,
+    )
+    beta: float = option(50.0, "Start of the learnable phase sharpness β.", low=0.01, high=1000.0)
+    softplus_slope: float = option(100.0, "Sharpness of the softplus that keeps r ≥ 0.", low=1.0)
+    alpha: float = option(
+        100.0, "Sharpness α of the align window and of the far-field barrier.", low=0.1
+    )
+    surface_points: int = option(1024, "Cloud samples per step.", low=16, high=200_000)
+    near_points: int = option(8192, "Band samples per step.", low=16, high=200_000)
+    far_points: int = option(1024, "Free-space samples per step.", low=16, high=200_000)
+    laplacian_points: int = option(
+        256, "Points per step at which second derivatives are taken.", low=0, high=200_000
+    )
+    band_neighbour: int = option(
+        50, "Near samples are jittered by the distance to this neighbour.", low=2, high=50
+    )
+    optimizer: str = option(
+        "muon", "Muon on the square matrices cuts the error by a third at equal time.",
+        choices=("adam", "muon"),
+    )
+    schedule: str = option(
+        "cosine", "Decay of the learning rates.", choices=("constant", "cosine")
+    )
+    learning_rate: float = option(5e-3, "Adam's rate.", low=1e-7, high=1.0)
+    muon_learning_rate: float = option(0.02, "Muon's rate.", low=1e-6, high=1.0)
+    beta_learning_rate: float = option(1e-4, "Adam's rate for β (the paper's).", low=0.0, high=1.0)
+    gradient_clip: float = option(
+        0.0, "Largest norm of the whole gradient; 0 leaves it alone.", low=0.0
+    )
+    align_from: float = option(
+        0.3, "Share of the iterations after which the align term is on.", low=0.0, high=1.0
+    )
+    weight_zero: float = option(1.0, "Surface data, eq. zero_level.", low=0.0)
+    weight_align: float = option(0.7, "Gradient alignment, eq. align.", low=0.0)
+    weight_eik_r: float = option(0.007, "Metric Eikonal, eq. eik_r.", low=0.0)
+    weight_eik_phi: float = option(0.007, "Topological Eikonal, eq. eik_phi.", low=0.0)
+    weight_lap: float = option(0.0004, "Laplacian, eq. lap.", low=0.0)
+    weight_phase: float = option(0.002, "Phase saturation, eq. phase_sat.", low=0.0)
+    weight_far: float = option(0.1, "Far-field repulsion, eq. far_field.", low=0.0)
+    weight_normal: float = option(0.15, "Normal alignment, eq. normal_align.", low=0.0)
+
+
+@dataclass(frozen=True)
+class SurfaceOptions:
+    """How the mesh is taken from the field."""
+
+    resolution: int | None = option(
+        None, "Grid cells along the longest side of the box; chosen from the spacing if not given.",
+        low=16, high=2048, unit="cells", expert=False,
+    )
+    slices: int = option(
+        3, "φ-slice images per axis, evenly spaced over the shape.", low=0, high=64, expert=False
+    )
+
+
+@dataclass(frozen=True)
+class Options:
+    """All choices of one reconstruction."""
+
+    preset: str = option(
+        "balanced", "The value these options started from.", choices=PRESET_NAMES, expert=False
+    )
+    seed: int = option(0, "Seed of every random draw.", low=0, high=2**31 - 1, expert=False)
+    threads: int | None = option(
+        None, "CPU threads; all that the process may use if not given.", low=1, high=256,
+        expert=False,
+    )
+    fit: FitOptions = field(default_factory=FitOptions)
+    surface: SurfaceOptions = field(default_factory=SurfaceOptions)
+
+
+PRESETS: dict[str, Options] = {
+    "balanced": Options(),
+    "draft": Options(
+        preset="draft", fit=FitOptions(max_iterations=700, time_budget=55.0)
+    ),
+    # The recipe of the paper and of the published code of its relatives, with no additions.
+    "paper": Options(
+        preset="paper",
+        fit=FitOptions(
+            max_iterations=10_000,
+            time_budget=7 * 86_400.0,
+            warm_start=False,
+            warm_fraction=0.0,
+            omega=30.0,
+            surface_points=15_000,
+            near_points=15_000,
+            far_points=15_000,
+            laplacian_points=15_000,
+            optimizer="adam",
+            schedule="constant",
+            learning_rate=5e-5,
+            gradient_clip=1.4e-3,
+        ),
+        surface=SurfaceOptions(resolution=256),
+    ),
+}
+
+
+def option_fields() -> Iterator[tuple[str | None, Field[Any]]]:
+    """Every option that a caller may name, as (group or None, dataclass field)."""
+    for top in fields(Options):
+        if top.default is MISSING:
+            for inner in fields(top.default_factory):  # type: ignore[arg-type]
+                yield top.name, inner
+        else:
+            yield None, top
+
+
+def options_from(changes: Mapping[str, Any]) -> Options:
+    """The preset named in `changes` (or `balanced`) with the other named fields replaced.
+
+    Raises OptionsError for an unknown name, a wrong type or a value out of range.
+    """
+    name = changes.get("preset", "balanced")
+    if not isinstance(name, str) or name not in PRESETS:
+        raise OptionsError(
+            f"preset is {name!r}", where="preset", advice=f"Use one of {', '.join(PRESETS)}."
+        )
+    known = {f.name: (group, f) for group, f in option_fields()}
+    grouped: dict[str | None, dict[str, Any]] = {}
+    for key, value in changes.items():
+        if key not in known:
+            raise OptionsError(
+                f"there is no option {key!r}", where=key, advice="See the list of options."
+            )
+        group, declared = known[key]
+        grouped.setdefault(group, {})[key] = _checked(declared, value)
+    base = PRESETS[name]
+    for group, values in grouped.items():
+        if group is None:
+            base = replace(base, **values)
+        else:
+            base = replace(base, **{group: replace(getattr(base, group), **values)})
+    return base
+
+
+def options_to_mapping(options: Options) -> dict[str, Any]:
+    """The flat form that `options_from` reads; JSON-serialisable."""
+    flat: dict[str, Any] = {}
+    for top in fields(options):
+        value = getattr(options, top.name)
+        if is_dataclass(value):
+            flat.update({f.name: getattr(value, f.name) for f in fields(value)})
+        else:
+            flat[top.name] = value
+    return flat
+
+
+def options_schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of what `options_from` accepts."""
+    properties = {f.name: _schema_of(f, group) for group, f in option_fields()}
+    return {"type": "object", "properties": properties, "additionalProperties": False}
+
+
+_JSON_TYPES = {"int": "integer", "float": "number", "str": "string", "bool": "boolean"}
+
+
+def _kind(declared: Field[Any]) -> tuple[str, bool]:
+    """The field's plain type name and whether None is allowed."""
+    words = str(declared.type).split(" | ")
+    return words[0], "None" in words
+
+
+def _schema_of(declared: Field[Any], group: str | None) -> dict[str, Any]:
+    kind, optional = _kind(declared)
+    about = declared.metadata
+    json_type = _JSON_TYPES[kind]
+    schema: dict[str, Any] = {
+        "type": [json_type, "null"] if optional else json_type,
+        "description": about["reason"],
+        "default": declared.default,
+    }
+    if about["low"] is not None:
+        schema["minimum"] = about["low"]
+    if about["high"] is not None:
+        schema["maximum"] = about["high"]
+    if about["choices"] is not None:
+        schema["enum"] = list(about["choices"])
+    if about["unit"] is not None:
+        schema["x-unit"] = about["unit"]
+    schema["x-group"] = group or "job"
+    schema["x-expert"] = about["expert"]
+    return schema
+
+
+def _checked(declared: Field[Any], value: Any) -> Any:
+    kind, optional = _kind(declared)
+    name, about = declared.name, declared.metadata
+    if value is None and optional:
+        return None
+    if kind == "float" and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    expected = {"int": int, "float": float, "str": str, "bool": bool}[kind]
+    if not isinstance(value, expected) or (kind == "int" and isinstance(value, bool)):
+        raise OptionsError(
+            f"{name} is {value!r}", where=name, advice=f"It takes a value of type {kind}."
+        )
+    if kind == "float" and not math.isfinite(value):
+        raise OptionsError(f"{name} is {value}", where=name, advice="It takes a finite number.")
+    low, high, choices = about["low"], about["high"], about["choices"]
+    if choices is not None and value not in choices:
+        raise OptionsError(
+            f"{name} is {value!r}", where=name, advice=f"Use one of {', '.join(choices)}."
+        )
+    if (low is not None and value < low) or (high is not None and value > high):
+        bounds = f"at least {low:g}" if high is None else f"between {low or 0:g} and {high:g}"
+        raise OptionsError(f"{name} is {value}", where=name, advice=f"It must be {bounds}.")
+    return value
