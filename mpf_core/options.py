@@ -27,7 +27,7 @@ def option(
     unit: str | None = None,
     expert: bool = True,
 ) -> Any:
-    """A dataclass field with its reason, bounds and unit; `expert` ones are folded away in forms."""
+    """A dataclass field with reason, bounds and unit; forms fold the `expert` ones away."""
     metadata = {
         "reason": reason,
         "low": low,
@@ -71,13 +71,17 @@ class FitOptions:
         True, "Regress r and θ to a classical fit first; without it no CPU budget suffices."
     )
     warm_fraction: float = option(
-        0.6, "Share of the iterations after which the regression's weight is exactly 0.",
-        low=0.0, high=0.6,
+        0.6,
+        "Share of the iterations after which the regression's weight is exactly 0.",
+        low=0.0,
+        high=0.6,
     )
     width: int = option(256, "Units per layer (the paper's).", low=8, high=1024)
     omega: float = option(
-        45.0, "First-layer frequency ω₀: 30 suits solids best, 60 leaves; a compromise.",
-        low=1.0, high=200.0,
+        45.0,
+        "First-layer frequency ω₀: 30 suits solids best, 60 leaves; a compromise.",
+        low=1.0,
+        high=200.0,
     )
     beta: float = option(50.0, "Start of the learnable phase sharpness β.", low=0.01, high=1000.0)
     softplus_slope: float = option(100.0, "Sharpness of the softplus that keeps r ≥ 0.", low=1.0)
@@ -94,12 +98,11 @@ class FitOptions:
         50, "Near samples are jittered by the distance to this neighbour.", low=2, high=50
     )
     optimizer: str = option(
-        "muon", "Muon on the square matrices cuts the error by a third at equal time.",
+        "muon",
+        "Muon on the square matrices cuts the error by a third at equal time.",
         choices=("adam", "muon"),
     )
-    schedule: str = option(
-        "cosine", "Decay of the learning rates.", choices=("constant", "cosine")
-    )
+    schedule: str = option("cosine", "Decay of the learning rates.", choices=("constant", "cosine"))
     learning_rate: float = option(5e-3, "Adam's rate.", low=1e-7, high=1.0)
     muon_learning_rate: float = option(0.02, "Muon's rate.", low=1e-6, high=1.0)
     beta_learning_rate: float = option(1e-4, "Adam's rate for β (the paper's).", low=0.0, high=1.0)
@@ -124,8 +127,12 @@ class SurfaceOptions:
     """How the mesh is taken from the field."""
 
     resolution: int | None = option(
-        None, "Grid cells along the longest side of the box; chosen from the spacing if not given.",
-        low=16, high=2048, unit="cells", expert=False,
+        None,
+        "Grid cells along the longest side of the box; chosen from the spacing if not given.",
+        low=16,
+        high=2048,
+        unit="cells",
+        expert=False,
     )
     slices: int = option(
         3, "φ-slice images per axis, evenly spaced over the shape.", low=0, high=64, expert=False
@@ -141,7 +148,10 @@ class Options:
     )
     seed: int = option(0, "Seed of every random draw.", low=0, high=2**31 - 1, expert=False)
     threads: int | None = option(
-        None, "CPU threads; all that the process may use if not given.", low=1, high=256,
+        None,
+        "CPU threads; all that the process may use if not given.",
+        low=1,
+        high=256,
         expert=False,
     )
     fit: FitOptions = field(default_factory=FitOptions)
@@ -150,9 +160,7 @@ class Options:
 
 PRESETS: dict[str, Options] = {
     "balanced": Options(),
-    "draft": Options(
-        preset="draft", fit=FitOptions(max_iterations=700, time_budget=55.0)
-    ),
+    "draft": Options(preset="draft", fit=FitOptions(max_iterations=700, time_budget=55.0)),
     # The recipe of the paper and of the published code of its relatives, with no additions.
     "paper": Options(
         preset="paper",
@@ -275,7 +283,7 @@ def _checked(declared: Field[Any], value: Any) -> Any:
         raise OptionsError(
             f"{name} is {value!r}", where=name, advice=f"It takes a value of type {kind}."
         )
-    if kind == "float" and not math.isfinite(value):
+    if isinstance(value, float) and not math.isfinite(value):
         raise OptionsError(f"{name} is {value}", where=name, advice="It takes a finite number.")
     low, high, choices = about["low"], about["high"], about["choices"]
     if choices is not None and value not in choices:
