@@ -1,0 +1,161 @@
+"""Pairs of triangles of one mesh that pass through each other.
+
+Candidates come from a binary tree of boxes over the triangles in Morton order, walked against
+itself level by level; each is then decided by segment–triangle tests. Counted are proper
+crossings: touching, coplanar overlap and folding about a shared edge are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpf_core.surface.mesh import Mesh
+
+# A vertex nearer to a triangle's plane than this share of the triangle's size is on the plane.
+ON_PLANE = 1e-9
+PAIRS_AT_ONCE = 100_000
+
+Pairs = NDArray[np.int64]
+Corners = NDArray[np.float64]
+
+
+def self_intersections(mesh: Mesh) -> Pairs:
+    """(k, 2) pairs of faces, lower first, whose interiors cross."""
+    if len(mesh.faces) < 2:
+        return np.zeros((0, 2), np.int64)
+    # Relative to the middle, so that nearly parallel planes far from the origin stay apart.
+    corners = mesh.vertices[mesh.faces]
+    corners = corners - corners.reshape(-1, 3).mean(axis=0)
+    found = [_crossing(corners, mesh.faces, pairs) for pairs in overlapping_boxes(corners)]
+    return np.concatenate([*found, np.zeros((0, 2), np.int64)])
+
+
+def overlapping_boxes(corners: Corners) -> Iterator[Pairs]:
+    """Batches of pairs (i < j) of triangles (f, 3, 3) whose boxes meet."""
+    order = _morton_order(corners.mean(axis=1))
+    levels = _box_tree(corners[order].min(axis=1), corners[order].max(axis=1))
+    waiting = [(0, np.zeros((1, 2), np.int64))]
+    while waiting:
+        depth, pairs = waiting.pop()
+        low, high = levels[depth]
+        for axis in range(3):
+            a, b = pairs.T
+            meet = (low[axis, a] <= high[axis, b]) & (low[axis, b] <= high[axis, a])
+            pairs = pairs[meet]
+        if depth + 1 == len(levels):
+            pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+            yield np.sort(order[pairs], axis=1)
+            continue
+        batches = range(0, len(pairs), PAIRS_AT_ONCE)
+        waiting.extend((depth + 1, _children(pairs[k : k + PAIRS_AT_ONCE])) for k in batches)
+
+
+def _children(pairs: Pairs) -> Pairs:
+    """Pairs of the halves of each pair of boxes, each unordered pair once."""
+    a, b = 2 * pairs.T
+    halves = np.stack([a, b, a, b + 1, a + 1, b, a + 1, b + 1], axis=1).reshape(-1, 2)
+    return halves[halves[:, 0] <= halves[:, 1]]
+
+
+def _box_tree(low: Corners, high: Corners) -> list[tuple[Corners, Corners]]:
+    """(3, boxes) corners of each level, the root first; box i is made of 2i and 2i + 1 of the next.
+
+    The leaves are padded to a power of two by empty boxes.
+    """
+    size = 1 << max(len(low) - 1, 0).bit_length()
+    padding = ((0, 0), (0, size - len(low)))
+    low = np.pad(low.T, padding, constant_values=np.inf)
+    high = np.pad(high.T, padding, constant_values=-np.inf)
+    levels = [(low, high)]
+    while low.shape[1] > 1:
+        low = np.minimum(low[:, ::2], low[:, 1::2])
+        high = np.maximum(high[:, ::2], high[:, 1::2])
+        levels.append((low, high))
+    return levels[::-1]
+
+
+def _morton_order(points: Corners) -> NDArray[np.int64]:
+    """Indices that sort (n, 3) points along a Z-curve of 2¹⁰ cells a side."""
+    low = points.min(axis=0)
+    extent = float((points.max(axis=0) - low).max()) or 1.0
+    cells = np.minimum((points - low) / extent * 1024, 1023).astype(np.int64)
+    code = np.zeros(len(points), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.argsort(code, kind="stable")
+
+
+def _crossing(corners: Corners, faces: NDArray[np.int64], pairs: Pairs) -> Pairs:
+    """Those of `pairs` that cross."""
+    shared = _shared_vertices(faces, pairs)
+    apart, touching = pairs[shared == 0], pairs[shared == 1]
+    for one, other in ((0, 1), (1, 0)):
+        apart = apart[_straddles(corners, apart[:, one], apart[:, other])]
+    crossing = [apart[_edges_cross(corners[apart[:, 0]], corners[apart[:, 1]])]]
+    # Two triangles with a common vertex cross where the edge away from it passes through.
+    for one, other in ((0, 1), (1, 0)):
+        cut = touching[_straddles(corners, touching[:, one], touching[:, other])]
+        away = _away_from_shared(faces[cut[:, other]], faces[cut[:, one]])
+        start, stop = (corners[cut[:, other], k] for k in away.T)
+        crossing.append(cut[_segment_cuts(start, stop, corners[cut[:, one]])])
+    return np.unique(np.concatenate(crossing), axis=0)
+
+
+def _shared_vertices(faces: NDArray[np.int64], pairs: Pairs) -> NDArray[np.int64]:
+    """(k,) number of vertices that the two triangles of each pair have in common."""
+    ours, theirs = faces[pairs[:, 0]], faces[pairs[:, 1]]
+    shared = np.zeros(len(pairs), np.int64)
+    for i in range(3):
+        for j in range(3):
+            shared += ours[:, i] == theirs[:, j]
+    return shared
+
+
+def _away_from_shared(ours: NDArray[np.int64], theirs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(k, 2) corners of `ours` that follow the one that is also a corner of `theirs`."""
+    lead = (ours[:, :, None] == theirs[:, None, :]).any(axis=2).argmax(axis=1)
+    return np.stack([(lead + 1) % 3, (lead + 2) % 3], axis=1)
+
+
+def _straddles(
+    corners: Corners, planes: NDArray[np.int64], others: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Whether triangles `others` have vertices on both sides of the planes of `planes`."""
+    a, b, c = _heights(corners[planes], corners[others]).T
+    above = (a > 0) | (b > 0) | (c > 0)
+    below = (a < 0) | (b < 0) | (c < 0)
+    return np.asarray(above & below)
+
+
+def _heights(triangles: Corners, points: Corners) -> NDArray[np.float64]:
+    """(k, m) heights of points (k, m, 3) over the planes of triangles (k, 3, 3); 0 when on it."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    normal = np.cross(b - a, c - a)
+    height = ((points - a[:, None]) @ normal[:, :, None])[:, :, 0]
+    size = np.maximum(np.linalg.norm(b - a, axis=1), np.linalg.norm(c - a, axis=1))
+    tolerance = ON_PLANE * np.linalg.norm(normal, axis=1) * size
+    return np.where(np.abs(height) > tolerance[:, None], height, 0.0)
+
+
+def _edges_cross(first: Corners, second: Corners) -> NDArray[np.bool_]:
+    """Whether an edge of one triangle of a pair passes through the other."""
+    crossing = np.zeros(len(first), bool)
+    for one, other in ((first, second), (second, first)):
+        for k in range(3):
+            crossing |= _segment_cuts(one[:, k], one[:, (k + 1) % 3], other)
+    return crossing
+
+
+def _segment_cuts(start: Corners, stop: Corners, triangles: Corners) -> NDArray[np.bool_]:
+    """Whether segments (k, 3)–(k, 3) pass properly through triangles (k, 3, 3)."""
+    height = _heights(triangles, np.stack([start, stop], axis=1))
+    spokes = triangles - start[:, None]
+    along = (stop - start)[:, None]
+    # Volumes spanned by the segment and each side: equal signs when it runs inside all three.
+    turns = (np.cross(spokes, np.roll(spokes, -1, axis=1)) * along).sum(axis=2)
+    inside = (turns > 0).all(axis=1) | (turns < 0).all(axis=1)
+    return np.asarray((height[:, 0] * height[:, 1] < 0) & inside)
