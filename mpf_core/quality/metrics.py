@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from mpf_core.errors import InputError
 from mpf_core.quality.intersections import self_intersections
-from mpf_core.quality.sampling import face_areas, face_normals, sample_surface
+from mpf_core.quality.sampling import sample_surface
 from mpf_core.quality.topology import Topology, topology
 from mpf_core.surface.mesh import Mesh
+from mpf_core.surface.normals import face_areas, face_normals
 
 SAMPLES = 100_000
 F_SCORE_DISTANCES = (0.005, 0.01)

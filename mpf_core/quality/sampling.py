@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpf_core.surface.mesh import Mesh
+from mpf_core.surface.normals import face_areas
 
 
 @dataclass(frozen=True)
@@ -16,24 +17,6 @@ class SurfaceSamples:
 
     points: NDArray[np.float64]
     faces: NDArray[np.int64]
-
-
-def face_crosses(mesh: Mesh) -> NDArray[np.float64]:
-    """(f, 3) normal of each triangle, as long as twice its area."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
-
-
-def face_areas(mesh: Mesh) -> NDArray[np.float64]:
-    """(f,) area of each triangle, in squared units of the mesh."""
-    return np.asarray(np.linalg.norm(face_crosses(mesh), axis=1) / 2)
-
-
-def face_normals(mesh: Mesh) -> NDArray[np.float64]:
-    """(f, 3) unit normals; zero for triangles without area."""
-    crosses = face_crosses(mesh)
-    lengths = np.linalg.norm(crosses, axis=1, keepdims=True)
-    return np.asarray(np.divide(crosses, lengths, out=np.zeros_like(crosses), where=lengths > 0))
 
 
 def sample_surface(
