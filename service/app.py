@@ -1,0 +1,45 @@
+"""`create_app(settings)`: wiring and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+
+from fastapi import FastAPI
+
+from service import problem_handlers
+from service.artifacts.routes import router as artifacts
+from service.jobs.routes import router as jobs
+from service.operations.routes import router as operations
+from service.settings import Settings
+from service.state import build_state
+
+UPLOAD_PATHS = frozenset({("POST", "/jobs")})
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The HTTP service; it connects to nothing before the first request."""
+
+    @asynccontextmanager
+    async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        state.artifacts.prepare()
+        yield
+        state.redis.close()
+
+    app = FastAPI(
+        title="Metric-Phase Fields",
+        version=version("metric-phase-fields"),
+        summary="Surfaces from raw, unoriented point clouds.",
+        lifespan=lifespan,
+        separate_input_output_schemas=False,
+    )
+    state = build_state(settings)
+    app.state.mpf = state
+    problem_handlers.install(app)
+    app.add_middleware(
+        problem_handlers.BodyLimit, limit=settings.body_bytes, unlimited=UPLOAD_PATHS
+    )
+    for router in (jobs, artifacts, operations):
+        app.include_router(router)
+    return app

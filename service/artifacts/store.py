@@ -1,0 +1,152 @@
+"""Inputs and results as files on local disk, each of them whole or not there.
+
+    uploads/{token}               a body on its way in
+    jobs/{job}/input.{format}     what was uploaded
+    jobs/{job}/work-{attempt}/    what an attempt is writing
+    jobs/{job}/result-{attempt}/  what it published
+
+Attempts never share a folder, so that a worker that lost its lease can spoil nothing. Which
+result counts is said by the record.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
+
+_JOB_ID = re.compile(r"[0-9a-f]{32}")
+
+
+class ArtifactStore:
+    """The files of all jobs below one folder."""
+
+    def __init__(self, root: Path):
+        self._uploads = root / "uploads"
+        self._jobs = root / "jobs"
+
+    def prepare(self) -> None:
+        """Make the folders; raises OSError if that cannot be done."""
+        self._uploads.mkdir(parents=True, exist_ok=True)
+        self._jobs.mkdir(parents=True, exist_ok=True)
+
+    def check_writable(self) -> None:
+        """Write and remove a small file; raises OSError if the disk is full or read-only."""
+        probe = self._uploads / f"probe-{secrets.token_hex(8)}"
+        try:
+            with probe.open("wb") as file:
+                file.write(b"mpf")
+                os.fsync(file.fileno())
+        finally:
+            probe.unlink(missing_ok=True)
+
+    # Inputs
+
+    def new_upload(self) -> Path:
+        """A path for a body on its way in."""
+        return self._uploads / secrets.token_hex(16)
+
+    def adopt_input(self, job_id: str, upload: Path, format_: str) -> Path:
+        """Make a complete upload the input of a job; on return it is on the disk."""
+        folder = self._folder(job_id)
+        folder.mkdir()
+        target = folder / f"input.{format_}"
+        _sync(upload)
+        upload.rename(target)
+        for changed in (folder, self._jobs):
+            _sync(changed)
+        return target
+
+    def share_input(self, parent: str, job_id: str) -> Path:
+        """Give a job the input of another one, without copying the bytes."""
+        source = self.input(parent)
+        folder = self._folder(job_id)
+        folder.mkdir()
+        target = folder / source.name
+        target.hardlink_to(source)
+        for changed in (folder, self._jobs):
+            _sync(changed)
+        return target
+
+    def input(self, job_id: str) -> Path:
+        """The input of a job; raises FileNotFoundError if there is none."""
+        for path in self._folder(job_id).glob("input.*"):
+            return path
+        raise FileNotFoundError(job_id)
+
+    # Results
+
+    def work(self, job_id: str, attempt: int) -> Path:
+        """An empty folder for an attempt to write into."""
+        folder = self._folder(job_id) / f"work-{attempt}"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        return folder
+
+    def publish(self, job_id: str, attempt: int) -> tuple[str, ...]:
+        """Make what the attempt wrote its result, at once and durably; the names of its files."""
+        work = self._folder(job_id) / f"work-{attempt}"
+        names = sorted(p.relative_to(work).as_posix() for p in work.rglob("*") if p.is_file())
+        for path in [*work.rglob("*"), work]:
+            _sync(path)
+        work.rename(self._folder(job_id) / f"result-{attempt}")
+        _sync(self._folder(job_id))
+        return tuple(names)
+
+    def result(self, job_id: str, attempt: int, name: str) -> Path:
+        """The file of a published result; raises FileNotFoundError if it has none of that name."""
+        root = self._folder(job_id) / f"result-{attempt}"
+        if ".." in PurePosixPath(name).parts:
+            raise FileNotFoundError(name)
+        path = root / name
+        if not path.is_file():
+            raise FileNotFoundError(name)
+        return path
+
+    def discard_work(self, job_id: str, attempt: int) -> None:
+        """Remove what an attempt wrote without publishing it."""
+        shutil.rmtree(self._folder(job_id) / f"work-{attempt}", ignore_errors=True)
+
+    def keep_only(self, job_id: str, attempt: int) -> None:
+        """Remove everything that attempts wrote, but for the result of this one (0: of none)."""
+        folder = self._folder(job_id)
+        for path in [*folder.glob("work-*"), *folder.glob("result-*")]:
+            if path.name != f"result-{attempt}":
+                shutil.rmtree(path, ignore_errors=True)
+
+    # Removal
+
+    def remove(self, job_id: str) -> None:
+        """Remove all files of a job."""
+        shutil.rmtree(self._folder(job_id), ignore_errors=True)
+
+    def job_ids(self) -> Iterator[str]:
+        """The jobs that have files."""
+        with suppress(FileNotFoundError):
+            yield from (p.name for p in self._jobs.iterdir() if _JOB_ID.fullmatch(p.name))
+
+    def uploads(self) -> Iterator[Path]:
+        """The bodies on their way in (or left over)."""
+        with suppress(FileNotFoundError):
+            yield from self._uploads.iterdir()
+
+    def folder_age(self, job_id: str, now: float) -> float:
+        """Seconds since the folder of a job was last written to."""
+        return now - self._folder(job_id).stat().st_mtime
+
+    def _folder(self, job_id: str) -> Path:
+        if not _JOB_ID.fullmatch(job_id):
+            raise FileNotFoundError(job_id)
+        return self._jobs / job_id
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,1 @@
+"""The job: its record, its queue, its HTTP face."""

@@ -1,0 +1,147 @@
+"""The job as a value, and the only table of its states.
+
+queued ──► running ──► succeeded ─┐
+  ▲  │        │  ├───► failed ────┼──► expired
+  │  │        │  └───► cancelled ─┘
+  │  └────────┼──────► cancelled
+  └───────────┘  handed back or reaped: the attempt number grows by one
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from enum import StrEnum
+from typing import Any
+
+
+class JobState(StrEnum):
+    """Where a job is in its life."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+    EXPIRED = "expired"
+
+
+TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
+    # A queued job fails only when its attempts are used up.
+    JobState.QUEUED: frozenset({JobState.RUNNING, JobState.CANCELLED, JobState.FAILED}),
+    JobState.RUNNING: frozenset(
+        {JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED, JobState.QUEUED}
+    ),
+    JobState.SUCCEEDED: frozenset({JobState.EXPIRED}),
+    JobState.FAILED: frozenset({JobState.EXPIRED}),
+    JobState.CANCELLED: frozenset({JobState.EXPIRED}),
+    JobState.EXPIRED: frozenset(),
+}
+
+ENDED = frozenset({JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED, JobState.EXPIRED})
+
+
+def origins(target: JobState) -> frozenset[JobState]:
+    """The states from which `target` may be entered."""
+    return frozenset(state for state, nexts in TRANSITIONS.items() if target in nexts)
+
+
+@dataclass(frozen=True)
+class Input:
+    """What was uploaded."""
+
+    name: str
+    format: str
+    bytes: int
+    sha256: str
+    points: int | None = None
+    """As the header or the content check counted them."""
+
+
+@dataclass(frozen=True)
+class JobProgress:
+    """The last report of a running job; times in seconds."""
+
+    stage: str
+    fraction: float
+    seconds: float
+    eta: float | None = None
+    iteration: int | None = None
+    iterations: int | None = None
+    loss: float | None = None
+    losses: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One record. Times are milliseconds since 1970 by the clock of Redis."""
+
+    id: str
+    state: JobState
+    attempt: int
+    kind: str = "fit"
+    parent: str = ""
+    owner: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    input: Input | None = None
+    progress: JobProgress | None = None
+    problem: Mapping[str, Any] | None = None
+    artifacts: tuple[str, ...] = ()
+    """Names of the files of the result, relative to it."""
+    result_attempt: int = 0
+    """The attempt whose files are the result; 0 while there is none."""
+    lease: str = ""
+    """Who runs it; empty unless running."""
+    beats: int = 0
+    """Renewals of the lease. It is the moving of this number, not a clock, that keeps a lease."""
+    cancel: str = ""
+    """What a caller asked for: "" (nothing) or "discard"."""
+    created_at: int = 0
+    updated_at: int = 0
+    queued_at: int = 0
+    started_at: int | None = None
+    finished_at: int | None = None
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing will change any more (but expiry)."""
+        return self.state in ENDED
+
+
+_JSON_FIELDS = {"options", "input", "progress", "problem", "artifacts"}
+_INT_FIELDS = {
+    "attempt", "result_attempt", "beats", "created_at", "updated_at", "queued_at", "started_at",
+    "finished_at",
+}  # fmt: skip
+
+
+def job_from_record(record: Mapping[str, str]) -> Job:
+    """The job that a Redis hash holds; fields of later versions are ignored."""
+    known = {f.name for f in fields(Job)}
+    values: dict[str, Any] = {}
+    for name, text in record.items():
+        if name in known:
+            values[name] = _parsed(name, text)
+    values["state"] = JobState(values["state"])
+    if values.get("input"):
+        values["input"] = Input(**values["input"])
+    if values.get("progress"):
+        values["progress"] = JobProgress(**values["progress"])
+    values["artifacts"] = tuple(values.get("artifacts") or ())
+    return Job(**values)
+
+
+def _parsed(name: str, text: str) -> Any:
+    if name in _JSON_FIELDS:
+        return json.loads(text)
+    return int(text) if name in _INT_FIELDS else text
+
+
+def as_field(value: Any) -> str:
+    """A value as a Redis hash holds it."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, int) and not isinstance(value, bool):
+        return str(value)
+    return json.dumps(value, allow_nan=False)

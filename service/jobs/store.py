@@ -1,0 +1,285 @@
+"""The job record in Redis: our own truth, changed only here, atomically, and never backwards.
+
+A worker's writes carry its lease ("attempt:holder"); a write under an old one is refused. Times are
+those of Redis; no decision is taken by comparing clocks.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from redis import Redis
+from redis.client import Pipeline
+
+from service.events.store import EVENTS_KEPT, FEED_CHANNEL, stream_key
+from service.jobs.model import (
+    TRANSITIONS,
+    Input,
+    Job,
+    JobProgress,
+    JobState,
+    as_field,
+    job_from_record,
+    origins,
+)
+from service.jobs.scripts import CHANGE, CREATE, REMOVE, RENEW
+
+INDEX_PREFIX = "mpf:jobs:in:"
+EVERYWHERE = frozenset(TRANSITIONS)
+
+
+def record_key(job_id: str) -> str:
+    """The hash that holds a job's record."""
+    return f"mpf:job:{job_id}"
+
+
+@dataclass(frozen=True)
+class Lease:
+    """The right to write one attempt of one job."""
+
+    job_id: str
+    attempt: int
+    holder: str
+
+    def token(self) -> str:
+        """What the record holds while this lease is valid."""
+        return f"{self.attempt}:{self.holder}"
+
+
+class Refused(Exception):
+    """The record is not what the change expects: gone, in another state, or another's."""
+
+    def __init__(self, reason: str, state: JobState | None):
+        super().__init__(f"{reason} ({state})")
+        self.reason = reason
+        """missing, fenced, illegal, exists or full."""
+        self.state = state
+
+
+@dataclass(frozen=True)
+class Changed:
+    """The record right after a change."""
+
+    state: JobState
+    attempt: int
+    cancel: str
+
+
+class JobStore:
+    """Reads and atomic changes of job records. Safe to share between threads."""
+
+    def __init__(self, redis: Redis):
+        self._redis = redis
+        self._create = redis.register_script(CREATE)
+        self._change = redis.register_script(CHANGE)
+        self._renew = redis.register_script(RENEW)
+        self._remove = redis.register_script(REMOVE)
+
+    # Reading
+
+    def get(self, job_id: str) -> Job | None:
+        """The job, or None."""
+        record = self._redis.hgetall(record_key(job_id))
+        return job_from_record({_text(k): _text(v) for k, v in record.items()}) if record else None
+
+    def in_state(self, state: JobState) -> list[str]:
+        """Ids of the jobs in `state`, the longest there first."""
+        return [_text(job_id) for job_id in self._redis.zrange(INDEX_PREFIX + state, 0, -1)]
+
+    def count(self, state: JobState) -> int:
+        """How many jobs are in `state`."""
+        return int(self._redis.zcard(INDEX_PREFIX + state))
+
+    def position(self, job_id: str) -> int | None:
+        """How many queued jobs are before this one, or None if it is not queued."""
+        rank: Any = self._redis.zrank(INDEX_PREFIX + JobState.QUEUED, job_id)
+        return None if rank is None else int(rank)
+
+    def look(self, lease: Lease) -> tuple[bool, str]:
+        """Whether `lease` is still the one that counts, and the cancel flag."""
+        found = self._redis.hmget(record_key(lease.job_id), ["state", "lease", "cancel"])
+        state, token, cancel = (_text(value or b"") for value in found)
+        return (state, token) == (JobState.RUNNING, lease.token()), cancel
+
+    # The life of a job
+
+    def create(self, job: Job, *, queue_cap: int = 0, pipeline: Pipeline | None = None) -> None:
+        """Write a new `queued` record; within `pipeline` the answer is `created`'s to read."""
+        given = {"id": job.id, "state": job.state, "attempt": job.attempt, "kind": job.kind,
+                 "parent": job.parent, "owner": job.owner, "options": dict(job.options),
+                 "result_attempt": 0, "beats": 0}  # fmt: skip
+        if job.input is not None:
+            given["input"] = asdict(job.input)
+        reply = self._create(
+            keys=[record_key(job.id), stream_key(job.id)],
+            args=[job.id, _fields(given), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT, queue_cap],
+            client=pipeline,
+        )
+        if pipeline is None:
+            created(reply)
+
+    def start(self, lease: Lease) -> Job:
+        """`queued → running` under `lease`; refused unless this very attempt is waiting."""
+        self._apply(
+            lease.job_id,
+            JobState.RUNNING,
+            expect={"attempt": str(lease.attempt)},
+            fields={"lease": lease.token(), "beats": 0},
+        )
+        job = self.get(lease.job_id)
+        if job is None:
+            raise Refused("missing", None)
+        return job
+
+    def progress(self, lease: Lease, progress: JobProgress) -> Changed:
+        """Note a report of the running job."""
+        told = asdict(progress)
+        return self._apply(
+            lease.job_id, None, expect={"lease": lease.token()}, fields={"progress": told},
+            allowed=frozenset({JobState.RUNNING}), event="progress", data=told,
+        )  # fmt: skip
+
+    def announce(self, lease: Lease, event: str, data: Mapping[str, Any]) -> Changed:
+        """Tell the job's listeners something that is not in the record."""
+        return self._apply(
+            lease.job_id, None, expect={"lease": lease.token()}, fields={},
+            allowed=frozenset({JobState.RUNNING}), event=event, data=data,
+        )  # fmt: skip
+
+    def renew(self, lease: Lease) -> tuple[bool, str]:
+        """Move the lease's beat on. Says whether the lease still counts, and the cancel flag."""
+        reply = [_text(part) for part in self._renew(
+            keys=[record_key(lease.job_id)], args=[lease.job_id, lease.token()]
+        )]  # fmt: skip
+        return reply[0] == "ok", reply[1] if len(reply) > 1 else ""
+
+    def succeed(self, lease: Lease, artifacts: tuple[str, ...]) -> Changed:
+        """`running → succeeded`: from here on this attempt's files are the job's result."""
+        fields = {"artifacts": list(artifacts), "result_attempt": lease.attempt, "lease": ""}
+        return self._apply(
+            lease.job_id, JobState.SUCCEEDED, expect={"lease": lease.token()}, fields=fields
+        )
+
+    def fail(self, lease: Lease, problem: Mapping[str, Any]) -> Changed:
+        """`running → failed` with the problem to show."""
+        return self._end(lease.job_id, JobState.FAILED, {"lease": lease.token()}, problem)
+
+    def cancelled(self, lease: Lease, problem: Mapping[str, Any]) -> Changed:
+        """`running → cancelled`: the run has stopped because it was asked to."""
+        return self._end(lease.job_id, JobState.CANCELLED, {"lease": lease.token()}, problem)
+
+    def hand_back(self, lease: Lease) -> Changed:
+        """`running → queued` as the next attempt; the caller enqueues it."""
+        return self._requeue(lease.job_id, {"lease": lease.token()})
+
+    def reap(self, job: Job) -> Changed:
+        """As `hand_back`, for a lease whose beats have stopped since `job` was read."""
+        return self._requeue(job.id, _as_seen(job))
+
+    def reap_failed(self, job: Job, problem: Mapping[str, Any]) -> Changed:
+        """As `reap`, but there are no attempts left."""
+        return self._end(job.id, JobState.FAILED, _as_seen(job), problem)
+
+    def reap_cancelled(self, job: Job, problem: Mapping[str, Any]) -> Changed:
+        """As `reap`, but the job had been asked to stop."""
+        return self._end(job.id, JobState.CANCELLED, _as_seen(job), problem)
+
+    def ask_cancel(self, job_id: str, problem: Mapping[str, Any]) -> Changed:
+        """Cancel a queued job at once; ask a running one to stop. An ended one is refused."""
+        try:
+            return self._apply(
+                job_id, JobState.CANCELLED, expect={"lease": ""},
+                fields={"problem": dict(problem), "cancel": "discard"},
+            )  # fmt: skip
+        except Refused as refusal:
+            if refusal.state is not JobState.RUNNING:
+                raise
+        return self._apply(
+            job_id, None, expect={}, fields={"cancel": "discard"},
+            allowed=frozenset({JobState.RUNNING}), event="cancel", data={"cancel": "discard"},
+        )  # fmt: skip
+
+    def learn_input(self, job_id: str, known: Input) -> Changed:
+        """Correct what is known of the input (the points, once they are counted)."""
+        return self._apply(
+            job_id, None, expect={}, fields={"input": asdict(known)}, allowed=EVERYWHERE
+        )
+
+    def remove(self, job_id: str) -> bool:
+        """Forget the job altogether. Says whether there was one."""
+        reply = self._remove(
+            keys=[record_key(job_id), stream_key(job_id)], args=[job_id, INDEX_PREFIX]
+        )
+        return _text(reply[0]) == "ok"
+
+    # One way in for all changes
+
+    def _end(
+        self, job_id: str, state: JobState, expect: Mapping[str, str], problem: Mapping[str, Any]
+    ) -> Changed:
+        fields = {"problem": dict(problem), "lease": ""}
+        return self._apply(job_id, state, expect=expect, fields=fields)
+
+    def _requeue(self, job_id: str, expect: Mapping[str, str]) -> Changed:
+        return self._apply(
+            job_id, JobState.QUEUED, expect=expect, fields={"lease": ""}, next_attempt=True
+        )
+
+    def _apply(
+        self,
+        job_id: str,
+        target: JobState | None,
+        *,
+        expect: Mapping[str, str],
+        fields: Mapping[str, Any],
+        allowed: frozenset[JobState] | None = None,
+        next_attempt: bool = False,
+        event: str = "",
+        data: Mapping[str, Any] | None = None,
+    ) -> Changed:
+        sources = origins(target) if target is not None else (allowed or frozenset())
+        if target is not None:
+            event = "state"
+            data = {"state": target} | {k: v for k, v in fields.items() if k == "problem"}
+        args = [
+            job_id, json.dumps(expect), f",{','.join(sorted(sources))},", target or "",
+            _fields(fields), _STAMPS.get(target, "") if target else "", int(next_attempt), event,
+            json.dumps(data or {}, allow_nan=False), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT,
+        ]  # fmt: skip
+        reply = self._change(keys=[record_key(job_id), stream_key(job_id)], args=args)
+        verdict, *rest = [_text(part) for part in reply]
+        if verdict != "ok":
+            raise Refused(verdict, JobState(rest[0]) if rest else None)
+        return Changed(JobState(rest[0]), int(rest[1]), rest[2])
+
+
+_STAMPS = {
+    JobState.QUEUED: "queued_at",
+    JobState.RUNNING: "started_at",
+    JobState.SUCCEEDED: "finished_at",
+    JobState.FAILED: "finished_at",
+    JobState.CANCELLED: "finished_at",
+}
+
+
+def _as_seen(job: Job) -> dict[str, str]:
+    """What must still hold for a lease to be taken away: nobody renewed it since."""
+    return {"lease": job.lease, "beats": str(job.beats)}
+
+
+def created(reply: Any) -> None:
+    """Raise Refused unless the answer of `create` says that the record was written."""
+    verdict = _text(reply[0])
+    if verdict != "ok":
+        raise Refused(verdict, None)
+
+
+def _fields(values: Mapping[str, Any]) -> str:
+    return json.dumps({name: as_field(value) for name, value in values.items()})
+
+
+def _text(value: Any) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value)

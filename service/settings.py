@@ -1,0 +1,108 @@
+"""Every knob of the service and the worker, with its unit; read from `MPF_…` in the environment."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+MEBIBYTE = 2**20
+
+
+class Settings(BaseSettings):
+    """One value, made once at the start of a process and handed to what needs it."""
+
+    model_config = SettingsConfigDict(env_prefix="MPF_", frozen=True)
+
+    # Where things are
+    redis_url: str = Field(
+        default="redis://127.0.0.1:6379/0",
+        description="Record store and queue: Valkey 7.2+ or Redis 6.2+.",
+    )
+    data_dir: Path = Field(
+        default=Path("mpf-data"),
+        description="Folder of the artefact store (and of the embedded Valkey).",
+    )
+
+    # What is accepted
+    upload_bytes: int = Field(default=1024 * MEBIBYTE, ge=1, description="Largest input, bytes.")
+    max_points: int = Field(default=10_000_000, ge=51, description="Most points in an input.")
+    body_bytes: int = Field(
+        default=1 * MEBIBYTE, ge=1, description="Largest request body that is not an upload, bytes."
+    )
+    content_check_bytes: int = Field(
+        default=32 * MEBIBYTE,
+        ge=0,
+        description="Inputs up to this size are read before the 202, bytes.",
+    )
+    content_check_seconds: float = Field(
+        default=20.0,
+        gt=0,
+        description="Longest such check; an input that takes longer is accepted, s.",
+    )
+    queue_length: int = Field(
+        default=1000, ge=1, description="Queued jobs above which POST answers 503."
+    )
+
+    # How a job runs
+    threads: int | None = Field(
+        default=None, ge=1, description="CPU threads of one fit; cores // workers if not given."
+    )
+    workers: int = Field(default=1, ge=1, description="Workers that share this machine's cores.")
+    job_seconds: float = Field(
+        default=7 * 86_400.0, gt=0, description="Wall-clock limit of one attempt at a job, s."
+    )
+    job_memory_bytes: int | None = Field(
+        default=None,
+        ge=0,
+        description="Memory of one job process; 0: no limit; 80 % of RAM if not given.",
+    )
+    max_attempts: int = Field(
+        default=5, ge=1, description="Attempts at one job, crashes and lost workers counted."
+    )
+    progress_seconds: float = Field(
+        default=0.5,
+        ge=0,
+        description="Shortest time between two progress reports in the record, s.",
+    )
+    cancel_poll_seconds: float = Field(
+        default=0.25, gt=0, description="How often a fit asks whether it was cancelled, s."
+    )
+    cancel_grace_seconds: float = Field(
+        default=10.0,
+        gt=0,
+        description="Time a cancelled job has to end by itself before it is killed, s.",
+    )
+    heartbeat_seconds: float = Field(
+        default=2.0, ge=1.0, description="How often a worker renews the lease on its job, s."
+    )
+    lease_seconds: float = Field(
+        default=20.0, gt=0, description="A lease not renewed for this long is taken away, s."
+    )
+    redis_patience_seconds: float = Field(
+        default=600.0, ge=0, description="How long a job process waits for Redis to come back, s."
+    )
+
+    # How long things stay
+    orphan_seconds: float = Field(
+        default=3600.0, gt=0, description="Age at which files that belong to no job are removed, s."
+    )
+
+    def redis_safe_url(self) -> str:
+        """The URL without its password, for logs and messages."""
+        head, _, _ = self.redis_url.partition("?")
+        scheme, found, rest = head.partition("://")
+        return f"{scheme}://{rest.rpartition('@')[2]}" if found else head
+
+    def threads_per_job(self) -> int:
+        """CPU threads of one fit: what was asked for, or an even share of the cores."""
+        return self.threads or max(1, usable_cores() // self.workers)
+
+
+def usable_cores() -> int:
+    """Cores this process may run on (affinity masks and cpusets counted)."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -1,0 +1,55 @@
+"""What a process of the service holds while it runs, and how endpoints come by it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Depends, Request
+from redis import Redis
+
+from service.artifacts.store import ArtifactStore
+from service.connection import connect
+from service.jobs.commands import JobCommands
+from service.jobs.queue import JobQueue
+from service.jobs.store import JobStore
+from service.operations.health import Health
+from service.settings import Settings
+from service.uploads.receive import Receiver
+
+
+@dataclass(frozen=True)
+class State:
+    """The parts, made once per process."""
+
+    settings: Settings
+    redis: Redis
+    artifacts: ArtifactStore
+    jobs: JobCommands
+    receiver: Receiver
+    health: Health
+
+
+def build_state(settings: Settings) -> State:
+    """Wire the parts; nothing connects before it is used."""
+    redis = connect(settings)
+    artifacts = ArtifactStore(settings.data_dir)
+    store = JobStore(redis)
+    queue = JobQueue(redis, job_seconds=settings.job_seconds)
+    return State(
+        settings=settings,
+        redis=redis,
+        artifacts=artifacts,
+        jobs=JobCommands(redis, store, queue, artifacts, settings),
+        receiver=Receiver(artifacts, settings),
+        health=Health(redis, artifacts),
+    )
+
+
+def state_of(request: Request) -> State:
+    """The state of the application that serves `request`."""
+    state: State = request.app.state.mpf
+    return state
+
+
+StateDep = Annotated[State, Depends(state_of)]

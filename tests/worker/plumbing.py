@@ -1,0 +1,79 @@
+"""A worker whose jobs do what their input's name says: everything is real but the fit.
+
+ok        write a result
+long-30   work for up to 30 s, then write a result
+line      raise Collinear
+die-2     kill the own process in attempts 1 to 2
+stubborn  do not listen to cancel
+hungry    allocate without end
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+from mpf_core.errors import Cancelled, Collinear
+from mpf_core.progress import Progress
+from service.settings import Settings
+from worker import job_process, tasks
+from worker.main import run_worker
+from worker.rq_worker import MpfWorker
+
+
+class PlumbingWorker(MpfWorker):
+    job_module = "tests.worker.plumbing_job"
+
+
+def runner(run: tasks.Run) -> None:
+    assert run.job.input is not None
+    word, _, number = Path(run.job.input.name).stem.partition("-")
+    if word == "line":
+        raise Collinear("the points lie on a line")
+    if word == "die" and run.job.attempt <= int(number):
+        os.kill(os.getpid(), signal.SIGKILL)
+    if word == "hungry":
+        _eat()
+    if word in ("long", "stubborn"):
+        _work(run, float(number or 60), heed=word == "long")
+    _write(run.out, run.job.attempt)
+
+
+def _work(run: tasks.Run, seconds: float, *, heed: bool) -> None:
+    start = time.monotonic()
+    while (passed := time.monotonic() - start) < seconds:
+        run.reporter.progress(
+            Progress("fit", passed / seconds, passed, iteration=int(passed * 100), loss=1.0)
+        )
+        if heed and run.reporter.cancel():
+            raise Cancelled("stopped")
+        time.sleep(0.02)
+
+
+def _eat() -> None:
+    kept = []
+    while True:
+        kept.append(bytearray(32 * 2**20))
+
+
+def _write(out: Path, attempt: int) -> None:
+    (out / "mesh.glb").write_bytes(b"glTF" + bytes(1000))
+    (out / "mesh.ply").write_bytes(b"ply\n" + bytes(1000))
+    (out / "report.json").write_text(f'{{"attempt": {attempt}}}')
+    for axis in "xyz":
+        folder = out / "slices" / axis
+        folder.mkdir(parents=True)
+        (folder / "0.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+
+
+def main_of_job() -> None:
+    tasks.RUNNERS["fit"] = runner
+    job_process.main()
+
+
+if __name__ == "__main__":
+    run_worker(Settings(), PlumbingWorker)
+    assert "torch" not in sys.modules

@@ -1,0 +1,138 @@
+"""Jobs through a real queue, a real worker and real job processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from starlette.testclient import TestClient
+
+from service.app import create_app
+from service.settings import Settings
+from tests.services import form, running_worker, wait_for
+
+
+@pytest.fixture
+def client(settings: Settings) -> Iterator[TestClient]:
+    with TestClient(create_app(settings)) as made:
+        yield made
+
+
+def submit(client: TestClient, name: str) -> str:
+    answer = client.post("/jobs", **form(name=name))
+    assert answer.status_code == 202, answer.text
+    return str(answer.json()["id"])
+
+
+def state_of(client: TestClient, job_id: str) -> dict[str, Any]:
+    return dict(client.get(f"/jobs/{job_id}").json())
+
+
+def until(client: TestClient, job_id: str, *states: str, seconds: float = 30) -> dict[str, Any]:
+    def look() -> dict[str, Any] | None:
+        job = state_of(client, job_id)
+        return job if job["state"] in states else None
+
+    return wait_for(look, seconds, f"job {job_id} in {states}")
+
+
+def test_a_job_succeeds_and_its_files_can_be_fetched(
+    client: TestClient, settings: Settings
+) -> None:
+    job_id = submit(client, "ok.xyz")
+    assert client.get(f"/jobs/{job_id}/mesh.glb").json()["code"] == "job.not_ready"
+    with running_worker(settings):
+        job = until(client, job_id, "succeeded", "failed")
+    assert job["state"] == "succeeded"
+    assert job["artifacts"]["slices/x/0.png"] == f"/jobs/{job_id}/slices/x/0.png"
+    assert client.get(f"/jobs/{job_id}/mesh.glb").content.startswith(b"glTF")
+    assert client.get(f"/jobs/{job_id}/mesh.ply").content.startswith(b"ply")
+    assert client.get(f"/jobs/{job_id}/report.json").json() == {"attempt": 1}
+    assert client.get(f"/jobs/{job_id}/slices/z/0.png").headers["content-type"] == "image/png"
+    assert client.get(f"/jobs/{job_id}/slices/z/7.png").json()["code"] == "artifact.not_found"
+
+
+def test_ends_of_every_kind(client: TestClient, settings: Settings) -> None:
+    with running_worker(settings):
+        line, twice, always = (
+            submit(client, name) for name in ("line.xyz", "die-1.xyz", "die-99.xyz")
+        )
+        assert until(client, line, "failed")["problem"]["code"] == "cloud.collinear"
+        assert until(client, twice, "succeeded")["attempt"] == 2
+        ended = until(client, always, "failed")
+        assert ended["problem"]["code"] == "job.crashed"
+        assert ended["attempt"] == settings.max_attempts
+
+
+def test_cancel_running_and_queued(client: TestClient, settings: Settings) -> None:
+    with running_worker(settings):
+        running, queued = submit(client, "long-60.xyz"), submit(client, "ok.xyz")
+        wait_for(lambda: state_of(client, running)["progress"], 20, "progress")
+        assert state_of(client, queued)["queue_position"] == 0
+        assert client.post(f"/jobs/{queued}/cancel").json()["state"] == "cancelled"
+        assert client.post(f"/jobs/{running}/cancel").status_code == 202
+        job = until(client, running, "cancelled", seconds=2)
+        assert job["problem"]["code"] == "cancelled"
+        stubborn = submit(client, "stubborn.xyz")
+        wait_for(lambda: state_of(client, stubborn)["progress"], 20, "progress")
+        assert client.post(f"/jobs/{stubborn}/cancel").json()["cancelling"] is True
+        until(client, stubborn, "cancelled", seconds=settings.cancel_grace_seconds + 5)
+
+
+def test_memory_limit_fails_the_job_and_spares_the_worker(
+    client: TestClient, settings: Settings
+) -> None:
+    limited = settings.model_copy(update={"job_memory_bytes": 2**30})
+    with running_worker(limited):
+        hungry = submit(client, "hungry.xyz")
+        job = until(client, hungry, "failed")
+        assert job["problem"]["code"] == "job.out_of_memory"
+        until(client, submit(client, "ok.xyz"), "succeeded")
+
+
+def test_sigterm_hands_the_job_back_and_another_worker_continues(
+    client: TestClient, settings: Settings
+) -> None:
+    with running_worker(settings) as first:
+        job_id = submit(client, "long-3.xyz")
+        until(client, job_id, "running")
+        wait_for(lambda: state_of(client, job_id)["progress"], 20, "progress")
+        first.terminate()
+        assert first.wait(15) == 0
+    assert state_of(client, job_id)["state"] == "queued"
+    with running_worker(settings):
+        assert until(client, job_id, "succeeded")["attempt"] == 2
+
+
+def test_a_killed_worker_takes_its_job_process_along_and_the_job_runs_again(
+    client: TestClient, settings: Settings
+) -> None:
+    with running_worker(settings) as first:
+        job_id = submit(client, "long-3.xyz")
+        wait_for(lambda: state_of(client, job_id)["progress"], 20, "progress")
+        children = children_of(first.pid)
+        assert children
+        os.kill(first.pid, signal.SIGKILL)
+        first.wait()
+        wait_for(lambda: not any(alive(pid) for pid in children), 5, "orphans gone")
+    with running_worker(settings):
+        job = until(client, job_id, "succeeded", seconds=40)
+    assert job["attempt"] == 2
+    assert json.loads(client.get(f"/jobs/{job_id}/report.json").text) == {"attempt": 2}
+
+
+def children_of(pid: int) -> list[int]:
+    with open(f"/proc/{pid}/task/{pid}/children") as file:
+        return [int(word) for word in file.read().split()]
+
+
+def alive(pid: int) -> bool:
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,71 @@
+"""The parent's side of a running job: it renews the lease, and ends a process that lost it."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+from service.connection import UNREACHABLE
+from service.jobs.store import JobStore, Lease
+
+log = logging.getLogger("mpf.worker")
+
+
+class LeaseKeeper:
+    """Renews one lease from a thread while the job process lives.
+
+    The parent does this, not the job process: a long call into native code must not look like
+    death. `kill` is called once, when the lease is lost or a cancelled job outstays its grace.
+    """
+
+    def __init__(
+        self,
+        store: JobStore,
+        lease: Lease,
+        *,
+        kill: Callable[[], None],
+        every: float,
+        cancel_grace: float,
+    ):
+        self._store = store
+        self._lease = lease
+        self._kill = kill
+        self._every = every
+        self._cancel_grace = cancel_grace
+        self._cancelled_since: float | None = None
+        self._started = False
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._keep, name="lease", daemon=True)
+
+    def __enter__(self) -> LeaseKeeper:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join(timeout=self._every + 10)
+
+    def _keep(self) -> None:
+        while not self._over.wait(self._every):
+            try:
+                valid, cancel = self._store.renew(self._lease)
+            except UNREACHABLE as error:
+                log.warning("job %s: cannot renew its lease: %s", self._lease.job_id, error)
+                continue
+            if self._must_die(valid, cancel):
+                self._kill()
+                return
+
+    def _must_die(self, valid: bool, cancel: str) -> bool:
+        self._started = self._started or valid
+        if not valid:
+            # Before the process has taken the lease there is nothing to lose.
+            if self._started:
+                log.warning("job %s: the lease is lost", self._lease.job_id)
+            return self._started
+        if not cancel:
+            return False
+        self._cancelled_since = self._cancelled_since or time.monotonic()
+        return time.monotonic() - self._cancelled_since > self._cancel_grace

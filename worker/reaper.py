@@ -1,0 +1,109 @@
+"""Finds jobs that nobody works on: a lease whose beats have stopped, a queued job RQ forgot.
+
+Time is this process's own monotonic clock between two looks at the same sight; no clock of another
+machine, and no wall clock, takes part. Any number of reapers may run: each change is fenced.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+
+from service.artifacts.store import ArtifactStore
+from service.jobs.model import Job, JobState
+from service.jobs.queue import JobQueue, entry_id
+from service.jobs.store import JobStore, Refused
+from service.settings import Settings
+from worker.settle import cancelled_problem, crashed_problem
+
+log = logging.getLogger("mpf.worker")
+
+Clock = Callable[[], float]
+
+# A queued job without an entry for this long was lost between the two.
+LOST_ENTRY_SECONDS = 10.0
+
+
+class Watch:
+    """Since when each sight has looked the same."""
+
+    def __init__(self, clock: Clock):
+        self._clock = clock
+        self._seen: dict[str, tuple[object, float]] = {}
+
+    def unchanged_for(self, job_id: str, sight: object) -> float:
+        """Seconds for which `job_id` has shown `sight`; 0 on a first or a new one."""
+        now = self._clock()
+        before = self._seen.get(job_id)
+        if before is None or before[0] != sight:
+            self._seen[job_id] = (sight, now)
+            return 0.0
+        return now - before[1]
+
+    def forget_all_but(self, job_ids: set[str]) -> None:
+        """Drop what is no longer looked at."""
+        for gone in self._seen.keys() - job_ids:
+            del self._seen[gone]
+
+
+class Reaper:
+    """One look at a time; whoever owns it calls `look` every few seconds."""
+
+    def __init__(
+        self,
+        store: JobStore,
+        queue: JobQueue,
+        artifacts: ArtifactStore,
+        settings: Settings,
+        clock: Clock = time.monotonic,
+    ):
+        self._store = store
+        self._queue = queue
+        self._artifacts = artifacts
+        self._settings = settings
+        self._running = Watch(clock)
+        self._queued = Watch(clock)
+
+    def look(self) -> None:
+        """Requeue what has lost its worker or its entry."""
+        self._look_at_running()
+        self._look_at_queued()
+
+    def _look_at_running(self) -> None:
+        ids = self._store.in_state(JobState.RUNNING)
+        self._running.forget_all_but(set(ids))
+        for job_id in ids:
+            job = self._store.get(job_id)
+            if job is None or job.state is not JobState.RUNNING:
+                continue
+            still = self._running.unchanged_for(job_id, (job.lease, job.beats))
+            if still > self._settings.lease_seconds:
+                self._take_back(job)
+
+    def _take_back(self, job: Job) -> None:
+        log.warning("job %s: attempt %s has lost its worker", job.id, job.attempt)
+        try:
+            if job.cancel:
+                self._store.reap_cancelled(job, cancelled_problem())
+            elif job.attempt >= self._settings.max_attempts:
+                self._store.reap_failed(job, crashed_problem(job.attempt))
+            else:
+                changed = self._store.reap(job)
+                self._queue.enqueue(job.id, changed.attempt)
+            self._artifacts.discard_work(job.id, job.attempt)
+        except Refused as refusal:
+            log.info("job %s: not reaped: %s", job.id, refusal)
+
+    def _look_at_queued(self) -> None:
+        waiting = self._queue.waiting()
+        lost: set[str] = set()
+        for job_id in self._store.in_state(JobState.QUEUED):
+            job = self._store.get(job_id)
+            if job is None or entry_id(job_id, job.attempt) in waiting:
+                continue
+            lost.add(job_id)
+            if self._queued.unchanged_for(job_id, job.attempt) > LOST_ENTRY_SECONDS:
+                log.warning("job %s: its queue entry is lost; enqueued again", job_id)
+                self._queue.enqueue(job_id, job.attempt)
+        self._queued.forget_all_but(lost)

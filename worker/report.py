@@ -1,0 +1,107 @@
+"""What the running job tells its record, and what the record tells it: both rationed."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable
+
+from mpf_core.progress import Progress
+from service.connection import UNREACHABLE
+from service.jobs.model import JobProgress
+from service.jobs.store import JobStore, Lease, Refused
+from service.settings import Settings
+from worker import stopping
+
+log = logging.getLogger("mpf.worker")
+
+Clock = Callable[[], float]
+
+
+class Reporter:
+    """The `progress` and `cancel` callbacks of one attempt.
+
+    `reason` says why the job was told to stop: "cancelled", "hand back" or "fenced" (the lease is
+    another's; whatever this process still does is lost).
+    """
+
+    def __init__(
+        self, store: JobStore, lease: Lease, settings: Settings, clock: Clock = time.monotonic
+    ):
+        self._store = store
+        self._lease = lease
+        self._settings = settings
+        self._clock = clock
+        self._told_at = -math.inf
+        self._told_stage = ""
+        self._asked_at = -math.inf
+        self.reason = ""
+
+    def progress(self, progress: Progress) -> None:
+        """Note the report, if enough time has passed or the stage has changed."""
+        now = self._clock()
+        if (
+            now - self._told_at < self._settings.progress_seconds
+            and progress.stage == self._told_stage
+        ):
+            return
+        self._told_at, self._told_stage = now, progress.stage
+        try:
+            changed = self._store.progress(self._lease, _plain(progress))
+            self._heed(changed.cancel)
+        except Refused as refusal:
+            self._stop("fenced", str(refusal))
+        except UNREACHABLE as error:
+            log.warning("job %s: progress not noted: %s", self._lease.job_id, error)
+
+    def cancel(self) -> bool:
+        """Whether the job should stop; asks the record a few times a second at most."""
+        if self.reason:
+            return True
+        if stopping.hand_back_requested():
+            self._stop("hand back", "the worker is leaving")
+            return True
+        now = self._clock()
+        if now - self._asked_at >= self._settings.cancel_poll_seconds:
+            self._asked_at = now
+            self._ask()
+        return bool(self.reason)
+
+    def _ask(self) -> None:
+        try:
+            valid, cancel = self._store.look(self._lease)
+        except UNREACHABLE as error:
+            log.warning("job %s: cannot ask for cancellation: %s", self._lease.job_id, error)
+            return
+        if not valid:
+            self._stop("fenced", "the lease is lost")
+        else:
+            self._heed(cancel)
+
+    def _heed(self, cancel: str) -> None:
+        if cancel:
+            self._stop("cancelled", cancel)
+
+    def _stop(self, reason: str, why: str) -> None:
+        if not self.reason:
+            log.info("job %s: stopping, %s (%s)", self._lease.job_id, reason, why)
+            self.reason = reason
+
+
+def _plain(progress: Progress) -> JobProgress:
+    """The report as JSON can carry it: no NaN, no infinity."""
+    return JobProgress(
+        stage=progress.stage,
+        fraction=min(1.0, max(0.0, _finite(progress.fraction) or 0.0)),
+        seconds=_finite(progress.seconds) or 0.0,
+        eta=_finite(progress.eta),
+        iteration=progress.iteration,
+        iterations=progress.iterations,
+        loss=_finite(progress.loss),
+        losses={n: float(v) for n, v in progress.losses.items() if math.isfinite(v)},
+    )
+
+
+def _finite(value: float | None) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None

@@ -1,0 +1,120 @@
+"""RQ's worker with our own job process and our own idea of what its end means.
+
+The job process is a fresh interpreter, not a fork: threads here cannot leave locks behind in it,
+and nothing secret stands on its command line (the Redis URL is in its environment).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import signal
+import subprocess
+import sys
+from typing import Any
+
+from redis.exceptions import RedisError
+from rq import Queue, Worker
+from rq.job import Job as Entry
+from rq.serializers import JSONSerializer
+
+from service.artifacts.store import ArtifactStore
+from service.connection import connect
+from service.jobs.queue import QUEUE_NAME, JobQueue, attempt_of
+from service.jobs.store import JobStore, Lease
+from service.settings import Settings
+from worker.lease import LeaseKeeper
+from worker.settle import settle
+
+log = logging.getLogger("mpf.worker")
+
+# RQ blocks for this minus 15 s at a time, so a lost connection is noticed soon.
+WORKER_TTL_SECONDS = 30
+MONITOR_SECONDS = 30
+
+
+class MpfWorker(Worker):
+    """One job at a time, each in a process of its own."""
+
+    job_module = "worker.job_process"
+    max_connection_wait_time = 2.0
+
+    def __init__(self, settings: Settings):
+        self.settings = settings
+        redis = connect(settings)
+        super().__init__(
+            [Queue(QUEUE_NAME, connection=redis, serializer=JSONSerializer)],
+            connection=redis,
+            serializer=JSONSerializer,
+            worker_ttl=WORKER_TTL_SECONDS,
+            job_monitoring_interval=MONITOR_SECONDS,
+            log_job_description=False,
+        )
+        own = connect(settings)
+        self.store = JobStore(own)
+        self.queue = JobQueue(own, job_seconds=settings.job_seconds)
+        self.artifacts = ArtifactStore(settings.data_dir)
+        self._process: subprocess.Popen[bytes] | None = None
+        self.left_on_request = False
+
+    def fork_work_horse(self, job: Entry, queue: Queue) -> None:  # noqa: ARG002
+        """Start the job process in a group of its own."""
+        environment = os.environ | {
+            "RQ_WORKER_ID": self.name,
+            "RQ_JOB_ID": job.id,
+            "RQ_EXECUTION_ID": self.execution.id if self.execution else "",
+            "MPF_PARENT_PID": str(os.getpid()),
+            "OMP_NUM_THREADS": str(self.settings.threads_per_job()),
+        }
+        command = [sys.executable, "-m", self.job_module]
+        self._process = subprocess.Popen(command, env=environment, process_group=0)  # noqa: S603
+        self._horse_pid = self._process.pid
+
+    def monitor_work_horse(self, job: Entry, queue: Queue, execution: Any) -> None:
+        """Keep the lease while the process lives; afterwards see to it that the record moved on."""
+        job_id, attempt = attempt_of(job.id)
+        lease = Lease(job_id, attempt, self.name)
+        keeper = LeaseKeeper(
+            self.store,
+            lease,
+            kill=self._kill_process,
+            every=self.settings.heartbeat_seconds,
+            cancel_grace=self.settings.cancel_grace_seconds,
+        )
+        with keeper:
+            with contextlib.suppress(RedisError):
+                super().monitor_work_horse(job, queue, execution)
+            code = self._exit_code()
+        settle(lease, code, self.store, self.queue, self.artifacts, self.settings)
+
+    def wait_for_horse(self) -> tuple[int | None, int | None, Any]:
+        """As RQ's, but the end is noted where `subprocess` looks for it."""
+        pid, status, usage = super().wait_for_horse()
+        if pid and self._process is not None and status is not None:
+            self._process.returncode = os.waitstatus_to_exitcode(status)
+        return pid, status, usage
+
+    def maintain_heartbeats(self, job: Entry, execution: Any) -> None:
+        """RQ's own notes; their loss must not end the job."""
+        with contextlib.suppress(RedisError):
+            super().maintain_heartbeats(job, execution)
+
+    def handle_warm_shutdown_request(self) -> None:
+        """SIGTERM: the running job is asked to hand itself back."""
+        log.info("worker %s: leaving", self.name)
+        self.left_on_request = True
+        if self.horse_pid:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.horse_pid, signal.SIGTERM)
+
+    def _kill_process(self) -> None:
+        if self.horse_pid:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.horse_pid, signal.SIGKILL)
+
+    def _exit_code(self) -> int:
+        """How the process ended; waits for it if RQ has given up watching."""
+        process = self._process
+        assert process is not None  # noqa: S101
+        return process.wait()

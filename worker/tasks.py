@@ -1,0 +1,167 @@
+"""The one task that RQ starts, dispatching on the job's kind.
+
+Whatever happens in here ends in exactly one change of the record, made under this attempt's lease.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import errno
+import logging
+import os
+import secrets
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from redis import Redis
+from rq import get_current_job
+from rq.timeouts import JobTimeoutException
+
+from mpf_core.errors import Cancelled, MPFError
+from mpf_core.options import Options, options_from
+from service.artifacts.store import ArtifactStore
+from service.connection import UNREACHABLE, connect
+from service.jobs.model import Job
+from service.jobs.queue import JobQueue, attempt_of
+from service.jobs.store import Changed, JobStore, Lease, Refused
+from service.problems import Problem, problem_from
+from service.settings import Settings
+from worker.memory import is_out_of_memory
+from worker.report import Reporter
+from worker.settle import cancelled_problem, out_of_memory_problem
+
+log = logging.getLogger("mpf.worker")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One attempt at one job, with what it needs."""
+
+    job: Job
+    options: Options
+    cloud: Path
+    out: Path
+    reporter: Reporter
+
+
+Runner = Callable[[Run], None]
+
+
+def fit(run: Run) -> None:
+    """Points in, surface out. The numerics are loaded here and nowhere else."""
+    from mpf_core.reconstruct import reconstruct_file
+
+    reconstruct_file(
+        run.cloud,
+        run.out,
+        run.options,
+        progress=run.reporter.progress,
+        cancel=run.reporter.cancel,
+    )
+
+
+RUNNERS: dict[str, Runner] = {"fit": fit}
+
+
+def run(job_id: str) -> None:
+    """RQ's entry point: `job_id` is the only argument, the attempt stands in the entry's id."""
+    entry = get_current_job()
+    assert entry is not None  # noqa: S101  only RQ calls this
+    _, attempt = attempt_of(entry.id)
+    settings = Settings()
+    lease = Lease(job_id, attempt, os.environ["RQ_WORKER_ID"])
+    Attempt(lease, connect(settings), settings).run()
+
+
+class Attempt:
+    """Takes the lease, runs the job, writes how it ended."""
+
+    def __init__(self, lease: Lease, redis: Redis, settings: Settings):
+        self._lease = lease
+        self._settings = settings
+        self._store = JobStore(redis)
+        self._queue = JobQueue(redis, job_seconds=settings.job_seconds)
+        self._artifacts = ArtifactStore(settings.data_dir)
+        self._reporter = Reporter(self._store, lease, settings)
+
+    def run(self) -> None:
+        """From `queued` to wherever it ends."""
+        try:
+            job = self._store.start(self._lease)
+        except Refused as refusal:
+            log.info("job %s: attempt %s not started: %s", *self._name(), refusal)
+            return
+        log.info("job %s: attempt %s starts", *self._name())
+        try:
+            self._finish(self._outcome(job))
+        finally:
+            self._artifacts.discard_work(self._lease.job_id, self._lease.attempt)
+
+    def _outcome(self, job: Job) -> Callable[[], Changed]:
+        """Run the job; what comes back writes the record."""
+        try:
+            names = self._perform(job)
+        except Cancelled:
+            return self._stopped
+        except MPFError as error:
+            return self._failed(problem_from(error).as_dict())
+        except JobTimeoutException:
+            limit = f"an attempt may take {self._settings.job_seconds:g} s"
+            return self._failed(Problem("job.time_limit", limit).as_dict())
+        except Exception as error:
+            return self._failed(self._unexpected(error))
+        return lambda: self._store.succeed(self._lease, names)
+
+    def _perform(self, job: Job) -> tuple[str, ...]:
+        options = options_from(job.options)
+        if options.threads is None:
+            options = dataclasses.replace(options, threads=self._settings.threads_per_job())
+        out = self._artifacts.work(job.id, self._lease.attempt)
+        run = Run(job, options, self._artifacts.input(job.id), out, self._reporter)
+        RUNNERS[job.kind](run)
+        return self._artifacts.publish(job.id, self._lease.attempt)
+
+    def _failed(self, problem: Mapping[str, Any]) -> Callable[[], Changed]:
+        log.info("job %s: attempt %s fails: %s", *self._name(), problem.get("code"))
+        return lambda: self._store.fail(self._lease, problem)
+
+    def _unexpected(self, error: Exception) -> Mapping[str, Any]:
+        if is_out_of_memory(error):
+            return out_of_memory_problem()
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return Problem("storage.full", "there was no room for the result").as_dict()
+        incident = secrets.token_hex(4)
+        log.error("incident %s: job %s, attempt %s", incident, *self._name(), exc_info=error)
+        return Problem("internal", f"incident {incident}: see the worker's log").as_dict()
+
+    def _stopped(self) -> Changed:
+        if self._reporter.reason == "hand back":
+            changed = self._store.hand_back(self._lease)
+            self._queue.enqueue(self._lease.job_id, changed.attempt)
+            return changed
+        return self._store.cancelled(self._lease, cancelled_problem())
+
+    def _finish(self, write: Callable[[], Changed]) -> None:
+        """Write how it ended, waiting for Redis if it is away."""
+        deadline = time.monotonic() + self._settings.redis_patience_seconds
+        while True:
+            try:
+                changed = write()
+            except Refused as refusal:
+                # Fenced, or an answer was lost and the change had been made.
+                log.info("job %s: attempt %s is over already: %s", *self._name(), refusal)
+                return
+            except UNREACHABLE as error:
+                if time.monotonic() > deadline:
+                    raise
+                log.warning("job %s: attempt %s waits for Redis: %s", *self._name(), error)
+                time.sleep(0.5)
+            else:
+                log.info("job %s: attempt %s ends %s", *self._name(), changed.state)
+                return
+
+    def _name(self) -> tuple[str, int]:
+        return self._lease.job_id, self._lease.attempt
