@@ -12,6 +12,7 @@ from service import problem_handlers
 from service.artifacts.routes import router as artifacts
 from service.jobs.routes import router as jobs
 from service.operations.routes import router as operations
+from service.responses import describe
 from service.settings import Settings
 from service.state import build_state
 
@@ -32,7 +33,8 @@ def create_app(settings: Settings) -> FastAPI:
         version=version("metric-phase-fields"),
         summary="Surfaces from raw, unoriented point clouds.",
         lifespan=lifespan,
-        separate_input_output_schemas=False,
+        redoc_url=None,
+        generate_unique_id_function=lambda route: route.name,
     )
     state = build_state(settings)
     app.state.mpf = state
@@ -42,4 +44,5 @@ def create_app(settings: Settings) -> FastAPI:
     )
     for router in (jobs, artifacts, operations):
         app.include_router(router)
+    app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     return app

@@ -1,24 +1,70 @@
-"""What each endpoint may answer, as OpenAPI documents it."""
+"""What each endpoint may answer, and the OpenAPI document that says so."""
 
 from __future__ import annotations
 
+import json
+import re
 from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
 
 from service.jobs.schemas import ProblemOut
 from service.problems import MEDIA_TYPE, catalogue
+
+_PROBLEM = {"$ref": "#/components/schemas/ProblemOut"}
+
+# What any endpoint may answer, whatever it does.
+_EVERYWHERE = ("request.too_large", "service.unavailable", "internal")
 
 
 def problems(*codes: str) -> dict[int | str, dict[str, Any]]:
     """`responses=` for the problems that an endpoint may answer, one entry per status."""
     by_status: dict[int, list[str]] = {}
     known = catalogue()
-    for code in (*codes, "service.unavailable", "internal"):
+    for code in (*codes, *_EVERYWHERE):
         by_status.setdefault(known[code].status, []).append(code)
     return {
         status: {
-            "model": ProblemOut,
-            "description": "Problem: " + ", ".join(f"`{code}`" for code in listed),
-            "content": {MEDIA_TYPE: {}},
+            "description": "Problem: " + ", ".join(f"`{code}`" for code in dict.fromkeys(listed)),
+            "content": {MEDIA_TYPE: {"schema": _PROBLEM}},
         }
-        for status, listed in by_status.items()
+        for status, listed in sorted(by_status.items())
     }
+
+
+def describe(app: FastAPI) -> dict[str, Any]:
+    """The OpenAPI document: FastAPI's, with problems where it would speak of its own errors."""
+    found = get_openapi(
+        title=app.title,
+        version=app.version,
+        openapi_version=app.openapi_version,
+        summary=app.summary,
+        routes=app.routes,
+        separate_input_output_schemas=False,
+    )
+    schemas = found.setdefault("components", {}).setdefault("schemas", {})
+    for theirs in ("HTTPValidationError", "ValidationError"):
+        schemas.pop(theirs, None)
+    schemas["ProblemOut"] = ProblemOut.model_json_schema()
+    for path in found["paths"].values():
+        for operation in path.values():
+            _drop_foreign_errors(operation["responses"])
+    # Classes are called JobOut beside the Job they show; clients know only one of the two.
+    text = re.sub(r'(#/components/schemas/\w+?)Out"', r'\1"', json.dumps(found))
+    described: dict[str, Any] = json.loads(text)
+    components = described["components"]
+    components["schemas"] = {
+        name.removesuffix("Out"): schema for name, schema in sorted(components["schemas"].items())
+    }
+    return described
+
+
+def _drop_foreign_errors(responses: dict[str, Any]) -> None:
+    for status, response in list(responses.items()):
+        if "HTTPValidationError" in json.dumps(response.get("content", {})):
+            kept = response["content"].get(MEDIA_TYPE)
+            if kept is None:
+                del responses[status]
+            else:
+                response["content"] = {MEDIA_TYPE: kept}

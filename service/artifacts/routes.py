@@ -15,16 +15,7 @@ from service.state import State, StateDep
 
 router = APIRouter(tags=["artefacts"])
 
-MEDIA_TYPES = {
-    ".glb": "model/gltf-binary",
-    ".ply": "application/octet-stream",
-    ".json": "application/json",
-    ".png": "image/png",
-}
-
-_PROBLEMS = problems(
-    "job.not_found", "artifact.not_found", "job.not_ready", "job.no_result", "request.invalid"
-)
+_PROBLEMS = problems("job.not_found", "artifact.not_found", "job.not_ready", "job.no_result")
 
 
 class Axis(StrEnum):
@@ -35,50 +26,75 @@ class Axis(StrEnum):
     Z = "z"
 
 
-class File(FileResponse):
-    """A published file; it never changes, so clients may keep it."""
+class Ply(FileResponse):
+    """PLY has no registered type."""
 
     media_type = "application/octet-stream"
 
 
-@router.get("/jobs/{job_id}/mesh.glb", response_class=File, responses=_PROBLEMS)
-def mesh_glb(job_id: JobId, state: StateDep) -> File:
+class Glb(FileResponse):
+    """Binary glTF."""
+
+    media_type = "model/gltf-binary"
+
+
+class Json(FileResponse):
+    """A JSON document."""
+
+    media_type = "application/json"
+
+
+class Png(FileResponse):
+    """A picture."""
+
+    media_type = "image/png"
+
+
+BY_SUFFIX: dict[str, type[FileResponse]] = {".glb": Glb, ".ply": Ply, ".json": Json, ".png": Png}
+
+
+@router.get("/jobs/{job_id}/mesh.glb", response_class=Glb, responses=_PROBLEMS)
+def mesh_glb(job_id: JobId, state: StateDep) -> FileResponse:
     """The mesh as binary glTF."""
     return _file(state, job_id, "mesh.glb")
 
 
-@router.get("/jobs/{job_id}/mesh.ply", response_class=File, responses=_PROBLEMS)
-def mesh_ply(job_id: JobId, state: StateDep) -> File:
+@router.get("/jobs/{job_id}/mesh.ply", response_class=Ply, responses=_PROBLEMS)
+def mesh_ply(job_id: JobId, state: StateDep) -> FileResponse:
     """The mesh as binary PLY, in the input's coordinates."""
     return _file(state, job_id, "mesh.ply")
 
 
-@router.get("/jobs/{job_id}/report.json", response_class=File, responses=_PROBLEMS)
-def report(job_id: JobId, state: StateDep) -> File:
+@router.get("/jobs/{job_id}/report.json", response_class=Json, responses=_PROBLEMS)
+def report(job_id: JobId, state: StateDep) -> FileResponse:
     """Options, timings, losses, distances, topology."""
     return _file(state, job_id, "report.json")
 
 
-@router.get("/jobs/{job_id}/slices/{axis}/{index}.png", response_class=File, responses=_PROBLEMS)
+@router.get(
+    "/jobs/{job_id}/slices/{axis}/{index}.png",
+    response_class=Png,
+    responses=_PROBLEMS | problems("request.invalid"),
+)
 def slice_png(
     job_id: JobId,
     axis: Axis,
     index: Annotated[int, Path(ge=0, le=9999, description="From 0, along the axis.")],
     state: StateDep,
-) -> File:
+) -> FileResponse:
     """One φ slice as a picture."""
     return _file(state, job_id, f"slices/{axis}/{index}.png")
 
 
-def _file(state: State, job_id: str, name: str) -> File:
+def _file(state: State, job_id: str, name: str) -> FileResponse:
     job, name = state.jobs.artifact_of(job_id, name)
     try:
         path = state.artifacts.result(job.id, job.result_attempt, name)
     except FileNotFoundError as error:
         raise Problem("artifact.not_found", f"job {job_id} has lost its {name}") from error
-    return File(
+    # A published file never changes, so clients may keep it.
+    return BY_SUFFIX.get(path.suffix, Ply)(
         path,
-        media_type=MEDIA_TYPES.get(path.suffix, File.media_type),
         headers={"Cache-Control": "private, max-age=31536000, immutable"},
         filename=f"{job_id[:8]}-{name.replace('/', '-')}",
         content_disposition_type="inline",

@@ -15,7 +15,7 @@ from service.state import State, StateDep
 
 router = APIRouter(tags=["jobs"])
 
-JobId = Annotated[str, Path(description="As POST /jobs gave it.", pattern="^[0-9a-f]{32}$")]
+JobId = Annotated[str, Path(description="As POST /jobs gave it.")]
 
 POLL_SECONDS = "2"
 """What Retry-After tells a client that polls."""
@@ -70,7 +70,7 @@ async def submit(request: Request, response: Response, state: StateDep) -> JobOu
     return await to_thread.run_sync(_shown, state, job.id)
 
 
-@router.get("/jobs/{job_id}", responses=problems("job.not_found", "request.invalid"))
+@router.get("/jobs/{job_id}", responses=problems("job.not_found"))
 def show(job_id: JobId, response: Response, state: StateDep) -> JobOut:
     """The job as it stands."""
     shown = _shown(state, job_id)
@@ -82,7 +82,7 @@ def show(job_id: JobId, response: Response, state: StateDep) -> JobOut:
 @router.post(
     "/jobs/{job_id}/cancel",
     status_code=202,
-    responses=problems("job.not_found", "request.invalid"),
+    responses=problems("job.not_found"),
 )
 def cancel(job_id: JobId, response: Response, state: StateDep) -> JobOut:
     """Ask the job to stop; one that has ended stays as it is."""
