@@ -20,7 +20,7 @@ from worker.settle import out_of_memory_killed
 
 log = logging.getLogger("mpf.worker")
 
-LONGEST_WAIT_SECONDS = 5.0
+FIRST_WAIT_SECONDS, LONGEST_WAIT_SECONDS = 0.2, 5.0
 
 
 class Stop:
@@ -43,20 +43,28 @@ def run_worker(settings: Settings, make: Callable[[Settings], MpfWorker] = MpfWo
     configure_logging()
     out_of_memory_killed()  # the count from here on
     stop = Stop()
-    wait = 0.2
+    wait = FIRST_WAIT_SECONDS
     while not stop.requested.is_set():
         stop.listen()
         try:
             require_noeviction(connect(settings))
             worker = make(settings)
-            with Housekeeping(worker.name, settings):
-                worker.work(logging_level="WARNING")
-            WorkerRegister(connect(settings)).leave(worker.name)
-            if worker.left_on_request:
+            if _work(worker, settings):
                 return
-            wait = 0.2
+            wait = FIRST_WAIT_SECONDS
         except RedisError as error:
             log.warning("no work without Redis (%s): %s", settings.redis_safe_url(), error)
         if stop.requested.wait(wait):
             return
         wait = min(wait * 2, LONGEST_WAIT_SECONDS)
+
+
+def _work(worker: MpfWorker, settings: Settings) -> bool:
+    """Take jobs until told to leave (True) or until the connection is lost for good (False)."""
+    try:
+        with Housekeeping(worker.name, settings):
+            worker.work(logging_level="WARNING")
+        WorkerRegister(connect(settings)).leave(worker.name)
+    except RedisError as error:
+        log.warning("worker %s: %s", worker.name, error)
+    return worker.left_on_request

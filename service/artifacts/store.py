@@ -31,8 +31,9 @@ class ArtifactStore:
 
     def prepare(self) -> None:
         """Make the folders; raises OSError if that cannot be done."""
-        self._uploads.mkdir(parents=True, exist_ok=True)
-        self._jobs.mkdir(parents=True, exist_ok=True)
+        for folder in (self._uploads, self._jobs):
+            folder.mkdir(parents=True, exist_ok=True)
+            folder.chmod(0o700)  # what people upload is nobody else's business
 
     def check_writable(self) -> None:
         """Write and remove a small file; raises OSError if the disk is full or read-only."""

@@ -6,7 +6,6 @@ import json
 import os
 import signal
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +13,7 @@ from starlette.testclient import TestClient
 
 from service.app import create_app
 from service.settings import Settings
+from tests.processes import alive, children_of
 from tests.services import form, running_worker, wait_for
 
 
@@ -124,14 +124,3 @@ def test_a_killed_worker_takes_its_job_process_along_and_the_job_runs_again(
         job = until(client, job_id, "succeeded", seconds=40)
     assert job["attempt"] == 2
     assert json.loads(client.get(f"/jobs/{job_id}/report.json").text) == {"attempt": 2}
-
-
-def children_of(pid: int) -> list[int]:
-    return [int(w) for w in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
