@@ -15,7 +15,7 @@ from mpf_core.cloud.plybinary import read_binary
 from mpf_core.cloud.plyheader import parse_header
 from mpf_core.cloud.plyschema import Element, PlyHeader
 from mpf_core.cloud.pointcloud import PointCloud
-from mpf_core.cloud.reading import Column, Reading
+from mpf_core.cloud.reading import Column, Reading, describe_columns
 
 _TRANSPARENT = -2.197224577336219  # logit of opacity 0.1
 
@@ -86,7 +86,7 @@ class _Vertices:
             self.notes += said
         colors = self._uint8_colors()
         columns = self._columns()
-        notes = ["columns: " + ", ".join(f"{c.name} → {c.meaning}" for c in columns)]
+        notes = [f"columns: {describe_columns(columns)}"]
         notes += self._other_elements()
         notes += self.notes
         self.warnings += warnings

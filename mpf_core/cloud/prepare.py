@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mpf_core.cloud.density import Density, measure_density
 from mpf_core.cloud.errors import NoExtent
 from mpf_core.cloud.limits import DEFAULT_LIMITS, MINIMUM_POINTS
 from mpf_core.cloud.pointcloud import PointCloud
@@ -29,11 +30,13 @@ class PrepareOptions:
     outlier_sigma: points whose mean distance to 16 neighbours is more than so many standard
         deviations above the mean are removed; None keeps all
     max_points: more are refused
+    measure: whether spacing, density and the normals' reliability go into the report
     """
 
     max_not_finite: float = 0.001
     outlier_sigma: float | None = None
     max_points: int = DEFAULT_LIMITS.max_points
+    measure: bool = True
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,7 @@ class PreparationReport:
     duplicates_merged: int
     outliers_removed: int
     kept: int
+    density: Density | None
     steps: tuple[str, ...]
 
 
@@ -87,9 +91,12 @@ def prepare(cloud: PointCloud, options: PrepareOptions | None = None) -> Prepare
     if outliers:
         steps.append(f"{outliers} outliers removed")
     steps.append(f"{len(cloud)} points kept")
+    density = measure_density(cloud.points) if options.measure else None
+    if density is not None:
+        steps += density.sentences()
     report = PreparationReport(
-        received, not_finite, duplicates, outliers, len(cloud), tuple(steps)
-    )  # fmt: skip
+        received, not_finite, duplicates, outliers, len(cloud), density, tuple(steps)
+    )
     return Prepared(cloud, report)
 
 

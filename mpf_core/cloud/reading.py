@@ -34,3 +34,17 @@ class Reading:
     dialect: str
     columns: tuple[Column, ...]
     warnings: tuple[str, ...] = ()
+
+
+_LEFT_OUT = "left out"
+_SHOWN = 6  # names of columns left out, before "and n more"
+
+
+def describe_columns(columns: tuple[Column, ...]) -> str:
+    """The columns in one sentence; a splat has sixty, of which few are read."""
+    said = [f"{c.name} → {c.meaning}" for c in columns if c.meaning != _LEFT_OUT]
+    others = [c.name for c in columns if c.meaning == _LEFT_OUT]
+    if others:
+        more = f" and {len(others) - _SHOWN} more" if len(others) > _SHOWN else ""
+        said.append(f"left out: {', '.join(others[:_SHOWN])}{more}")
+    return ", ".join(said)

@@ -11,7 +11,7 @@ from mpf_core.cloud.attributes import colors_to_uint8, unit_normals
 from mpf_core.cloud.columns import COLORS, COORDINATES, NORMALS, meaning_of, roles_of
 from mpf_core.cloud.limits import DEFAULT_LIMITS, HEADER_BYTES, Limits
 from mpf_core.cloud.pointcloud import PointCloud
-from mpf_core.cloud.reading import Column, Reading
+from mpf_core.cloud.reading import Column, Reading, describe_columns
 from mpf_core.cloud.textrows import BLOCK_BYTES, line_blocks, parse_block
 from mpf_core.cloud.xyzhead import TextHead, count_mismatch, read_head
 from mpf_core.cloud.xyzroles import Roles, are_unit_vectors, guess_roles
@@ -133,7 +133,7 @@ def _assemble(
         else:
             (warnings if guessed else notes).append(said_color)
     columns = _columns(head, roles)
-    notes.insert(0, "columns: " + ", ".join(f"{c.name} → {c.meaning}" for c in columns))
+    notes.insert(0, f"columns: {describe_columns(columns)}")
     cloud = PointCloud(points, normals, colors, notes=(*notes, *warnings))
     return Reading(cloud, "xyz", head.dialect, columns, tuple(warnings))
 
