@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.errors import NoSurface, SurfaceError
 from mpf_core.files import write_atomically
 from mpf_core.surface.mesh import Mesh
@@ -67,29 +69,43 @@ def glb_bytes(mesh: Mesh, *, name: str = "surface") -> bytes:
 def ply_bytes(mesh: Mesh) -> bytes:
     """`mesh` as PLY: double coordinates, float normals and uchar colours when it has them."""
     _check(mesh)
-    columns: list[tuple[str, str, str, NDArray[Any]]] = [
-        (axis, "double", "<f8", mesh.vertices[:, k]) for k, axis in enumerate("xyz")
-    ]
-    if mesh.normals is not None:
-        columns += [(f"n{a}", "float", "<f4", mesh.normals[:, k]) for k, a in enumerate("xyz")]
-    if mesh.colors is not None:
-        names = ("red", "green", "blue")
-        columns += [(c, "uchar", "u1", mesh.colors[:, k]) for k, c in enumerate(names)]
-    vertices = np.empty(len(mesh.vertices), dtype=[(c[0], c[2]) for c in columns])
-    for column, _, _, values in columns:
-        vertices[column] = values
+    header, vertices = _ply_vertices(mesh.vertices, mesh.normals, mesh.colors)
     faces = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, mesh.faces
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"element vertex {len(vertices)}",
-        *(f"property {kind} {column}" for column, kind, _, _ in columns),
-        f"element face {len(faces)}",
-        "property list uchar int vertex_indices",
-        "end_header\n",
+    header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+    return _ply(header, vertices, faces)
+
+
+def cloud_ply_bytes(cloud: PointCloud, comments: Sequence[str] = ()) -> bytes:
+    """A cloud as PLY, as `ply_bytes` writes vertices; `comments` are lines of ASCII."""
+    header, vertices = _ply_vertices(cloud.points, cloud.normals, cloud.colors)
+    return _ply([*(f"comment {line}" for line in comments), *header], vertices)
+
+
+def _ply_vertices(
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64] | None,
+    colors: NDArray[np.uint8] | None,
+) -> tuple[list[str], NDArray[Any]]:
+    """The lines of the header that declare the vertices, and their rows."""
+    columns: list[tuple[str, str, str, NDArray[Any]]] = [
+        (axis, "double", "<f8", points[:, k]) for k, axis in enumerate("xyz")
     ]
-    return "\n".join(header).encode("ascii") + vertices.tobytes() + faces.tobytes()
+    if normals is not None:
+        columns += [(f"n{a}", "float", "<f4", normals[:, k]) for k, a in enumerate("xyz")]
+    if colors is not None:
+        names = ("red", "green", "blue")
+        columns += [(c, "uchar", "u1", colors[:, k]) for k, c in enumerate(names)]
+    rows = np.empty(len(points), dtype=[(c[0], c[2]) for c in columns])
+    for column, _, _, values in columns:
+        rows[column] = values
+    properties = [f"property {kind} {column}" for column, kind, _, _ in columns]
+    return [f"element vertex {len(rows)}", *properties], rows
+
+
+def _ply(header: list[str], *tables: NDArray[Any]) -> bytes:
+    lines = ["ply", "format binary_little_endian 1.0", *header, "end_header\n"]
+    return "\n".join(lines).encode("ascii") + b"".join(table.tobytes() for table in tables)
 
 
 class _Glb:
