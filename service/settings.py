@@ -86,6 +86,19 @@ class Settings(BaseSettings):
     )
 
     # How long things stay
+    retention_seconds: float = Field(
+        default=7 * 86_400.0, gt=0, description="Time for which an ended job keeps its files, s."
+    )
+    tombstone_seconds: float = Field(
+        default=30 * 86_400.0, ge=0, description="Time for which an expired job is answered 410, s."
+    )
+    disk_low_fraction: float = Field(
+        default=0.05,
+        ge=0,
+        lt=1,
+        description="Free share of the disk below which ended jobs expire early and POST answers "
+        "507.",
+    )
     orphan_seconds: float = Field(
         default=3600.0, gt=0, description="Age at which files that belong to no job are removed, s."
     )

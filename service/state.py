@@ -15,6 +15,7 @@ from service.jobs.queue import JobQueue
 from service.jobs.store import JobStore
 from service.operations.health import Health
 from service.settings import Settings
+from service.uploads.intake import Intake
 from service.uploads.receive import Receiver
 
 
@@ -27,6 +28,7 @@ class State:
     artifacts: ArtifactStore
     jobs: JobCommands
     receiver: Receiver
+    intake: Intake
     health: Health
 
 
@@ -34,14 +36,16 @@ def build_state(settings: Settings) -> State:
     """Wire the parts; nothing connects before it is used."""
     redis = connect(settings)
     artifacts = ArtifactStore(settings.data_dir)
-    store = JobStore(redis)
+    store = JobStore(redis, retention_seconds=settings.retention_seconds)
     queue = JobQueue(redis, job_seconds=settings.job_seconds)
+    commands = JobCommands(redis, store, queue, artifacts, settings)
     return State(
         settings=settings,
         redis=redis,
         artifacts=artifacts,
-        jobs=JobCommands(redis, store, queue, artifacts, settings),
+        jobs=commands,
         receiver=Receiver(artifacts, settings),
+        intake=Intake(commands, artifacts, settings),
         health=Health(redis, artifacts),
     )
 

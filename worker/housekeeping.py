@@ -28,7 +28,12 @@ class Housekeeping:
         self._name = name
         self._register = WorkerRegister(redis)
         queue = JobQueue(redis, job_seconds=settings.job_seconds)
-        self._reaper = Reaper(JobStore(redis), queue, ArtifactStore(settings.data_dir), settings)
+        self._reaper = Reaper(
+            JobStore(redis, retention_seconds=settings.retention_seconds),
+            queue,
+            ArtifactStore(settings.data_dir),
+            settings,
+        )
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="housekeeping", daemon=True)
 

@@ -8,7 +8,8 @@ import time
 from collections.abc import Callable
 
 from service.connection import UNREACHABLE
-from service.jobs.store import JobStore, Lease
+from service.jobs.lease import Lease
+from service.jobs.store import JobStore
 
 log = logging.getLogger("mpf.worker")
 

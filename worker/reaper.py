@@ -11,9 +11,10 @@ import time
 from collections.abc import Callable
 
 from service.artifacts.store import ArtifactStore
+from service.jobs.lease import Refused
 from service.jobs.model import Job, JobState
 from service.jobs.queue import JobQueue, entry_id
-from service.jobs.store import JobStore, Refused
+from service.jobs.store import JobStore
 from service.settings import Settings
 from worker.settle import cancelled_problem, crashed_problem
 

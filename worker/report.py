@@ -9,8 +9,9 @@ from collections.abc import Callable
 
 from mpf_core.progress import Progress
 from service.connection import UNREACHABLE
+from service.jobs.lease import Lease, Refused
 from service.jobs.model import JobProgress
-from service.jobs.store import JobStore, Lease, Refused
+from service.jobs.store import JobStore
 from service.settings import Settings
 from worker import stopping
 

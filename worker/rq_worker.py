@@ -21,8 +21,9 @@ from rq.serializers import JSONSerializer
 
 from service.artifacts.store import ArtifactStore
 from service.connection import connect
+from service.jobs.lease import Lease
 from service.jobs.queue import QUEUE_NAME, JobQueue, attempt_of
-from service.jobs.store import JobStore, Lease
+from service.jobs.store import JobStore
 from service.settings import Settings
 from worker.lease import LeaseKeeper
 from worker.settle import settle
@@ -52,7 +53,7 @@ class MpfWorker(Worker):
             log_job_description=False,
         )
         own = connect(settings)
-        self.store = JobStore(own)
+        self.store = JobStore(own, retention_seconds=settings.retention_seconds)
         self.queue = JobQueue(own, job_seconds=settings.job_seconds)
         self.artifacts = ArtifactStore(settings.data_dir)
         self._process: subprocess.Popen[bytes] | None = None

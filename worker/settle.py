@@ -9,9 +9,10 @@ from pathlib import Path
 from redis.exceptions import RedisError
 
 from service.artifacts.store import ArtifactStore
+from service.jobs.lease import Lease, Refused
 from service.jobs.model import Job, JobState
 from service.jobs.queue import JobQueue
-from service.jobs.store import JobStore, Lease, Refused
+from service.jobs.store import JobStore
 from service.problems import Problem
 from service.settings import Settings
 

@@ -24,9 +24,10 @@ from mpf_core.errors import Cancelled, MPFError
 from mpf_core.options import Options, options_from
 from service.artifacts.store import ArtifactStore
 from service.connection import UNREACHABLE, connect
-from service.jobs.model import Job
+from service.jobs.lease import Changed, Lease, Refused
+from service.jobs.model import Artifact, Job
 from service.jobs.queue import JobQueue, attempt_of
-from service.jobs.store import Changed, JobStore, Lease, Refused
+from service.jobs.store import JobStore
 from service.problems import Problem, problem_from
 from service.settings import Settings
 from worker.memory import is_out_of_memory
@@ -82,7 +83,7 @@ class Attempt:
     def __init__(self, lease: Lease, redis: Redis, settings: Settings):
         self._lease = lease
         self._settings = settings
-        self._store = JobStore(redis)
+        self._store = JobStore(redis, retention_seconds=settings.retention_seconds)
         self._queue = JobQueue(redis, job_seconds=settings.job_seconds)
         self._artifacts = ArtifactStore(settings.data_dir)
         self._reporter = Reporter(self._store, lease, settings)
@@ -103,7 +104,7 @@ class Attempt:
     def _outcome(self, job: Job) -> Callable[[], Changed]:
         """Run the job; what comes back writes the record."""
         try:
-            names = self._perform(job)
+            files = self._perform(job)
         except Cancelled:
             return self._stopped
         except MPFError as error:
@@ -113,9 +114,9 @@ class Attempt:
             return self._failed(Problem("job.time_limit", limit).as_dict())
         except Exception as error:
             return self._failed(self._unexpected(error))
-        return lambda: self._store.succeed(self._lease, names)
+        return lambda: self._store.succeed(self._lease, files)
 
-    def _perform(self, job: Job) -> tuple[str, ...]:
+    def _perform(self, job: Job) -> dict[str, Artifact]:
         options = options_from(job.options)
         if options.threads is None:
             options = dataclasses.replace(options, threads=self._settings.threads_per_job())

@@ -8,6 +8,8 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 from fastapi.responses import FileResponse
 
+from service.access.caller import Caller
+from service.access.dependency import CallerDep
 from service.jobs.routes import JobId
 from service.problems import Problem
 from service.responses import problems
@@ -15,7 +17,9 @@ from service.state import State, StateDep
 
 router = APIRouter(tags=["artefacts"])
 
-_PROBLEMS = problems("job.not_found", "artifact.not_found", "job.not_ready", "job.no_result")
+_PROBLEMS = problems(
+    "job.not_found", "job.expired", "artifact.not_found", "job.not_ready", "job.no_result"
+)
 
 
 class Axis(StrEnum):
@@ -54,21 +58,21 @@ BY_SUFFIX: dict[str, type[FileResponse]] = {".glb": Glb, ".ply": Ply, ".json": J
 
 
 @router.get("/jobs/{job_id}/mesh.glb", response_class=Glb, responses=_PROBLEMS)
-def mesh_glb(job_id: JobId, state: StateDep) -> FileResponse:
+def mesh_glb(job_id: JobId, caller: CallerDep, state: StateDep) -> FileResponse:
     """The mesh as binary glTF."""
-    return _file(state, job_id, "mesh.glb")
+    return _file(state, caller, job_id, "mesh.glb")
 
 
 @router.get("/jobs/{job_id}/mesh.ply", response_class=Ply, responses=_PROBLEMS)
-def mesh_ply(job_id: JobId, state: StateDep) -> FileResponse:
+def mesh_ply(job_id: JobId, caller: CallerDep, state: StateDep) -> FileResponse:
     """The mesh as binary PLY, in the input's coordinates."""
-    return _file(state, job_id, "mesh.ply")
+    return _file(state, caller, job_id, "mesh.ply")
 
 
 @router.get("/jobs/{job_id}/report.json", response_class=Json, responses=_PROBLEMS)
-def report(job_id: JobId, state: StateDep) -> FileResponse:
+def report(job_id: JobId, caller: CallerDep, state: StateDep) -> FileResponse:
     """Options, timings, losses, distances, topology."""
-    return _file(state, job_id, "report.json")
+    return _file(state, caller, job_id, "report.json")
 
 
 @router.get(
@@ -80,14 +84,15 @@ def slice_png(
     job_id: JobId,
     axis: Axis,
     index: Annotated[int, Path(ge=0, le=9999, description="From 0, along the axis.")],
+    caller: CallerDep,
     state: StateDep,
 ) -> FileResponse:
     """One φ slice as a picture."""
-    return _file(state, job_id, f"slices/{axis}/{index}.png")
+    return _file(state, caller, job_id, f"slices/{axis}/{index}.png")
 
 
-def _file(state: State, job_id: str, name: str) -> FileResponse:
-    job, name = state.jobs.artifact_of(job_id, name)
+def _file(state: State, caller: Caller, job_id: str, name: str) -> FileResponse:
+    job = state.jobs.artifact_of(caller, job_id, name)
     try:
         path = state.artifacts.result(job.id, job.result_attempt, name)
     except FileNotFoundError as error:

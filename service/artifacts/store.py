@@ -11,6 +11,7 @@ result counts is said by the record.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import secrets
@@ -18,6 +19,8 @@ import shutil
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
+
+from service.jobs.model import Artifact
 
 _JOB_ID = re.compile(r"[0-9a-f]{32}")
 
@@ -44,6 +47,14 @@ class ArtifactStore:
                 os.fsync(file.fileno())
         finally:
             probe.unlink(missing_ok=True)
+
+    def free_fraction(self) -> float:
+        """Share of the disk that is free; 1 before the folders exist."""
+        try:
+            usage = shutil.disk_usage(self._jobs)
+        except FileNotFoundError:
+            return 1.0
+        return usage.free / usage.total
 
     # Inputs
 
@@ -88,15 +99,16 @@ class ArtifactStore:
         folder.mkdir()
         return folder
 
-    def publish(self, job_id: str, attempt: int) -> tuple[str, ...]:
-        """Make what the attempt wrote its result, at once and durably; the names of its files."""
+    def publish(self, job_id: str, attempt: int) -> dict[str, Artifact]:
+        """Make what the attempt wrote its result, at once and durably; its files by name."""
         work = self._folder(job_id) / f"work-{attempt}"
-        names = sorted(p.relative_to(work).as_posix() for p in work.rglob("*") if p.is_file())
+        files = sorted(path for path in work.rglob("*") if path.is_file())
+        found = {path.relative_to(work).as_posix(): _measured(path) for path in files}
         for path in [*work.rglob("*"), work]:
             _sync(path)
         work.rename(self._folder(job_id) / f"result-{attempt}")
         _sync(self._folder(job_id))
-        return tuple(names)
+        return found
 
     def result(self, job_id: str, attempt: int, name: str) -> Path:
         """The file of a published result; raises FileNotFoundError if it has none of that name."""
@@ -143,6 +155,11 @@ class ArtifactStore:
         if not _JOB_ID.fullmatch(job_id):
             raise FileNotFoundError(job_id)
         return self._jobs / job_id
+
+
+def _measured(path: Path) -> Artifact:
+    with path.open("rb") as file:
+        return Artifact(path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest())
 
 
 def _sync(path: Path) -> None:

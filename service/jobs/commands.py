@@ -2,23 +2,50 @@
 
 from __future__ import annotations
 
-import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
 
 from redis import Redis
 
 from mpf_core.options import options_from, options_to_mapping
+from service.access.caller import Caller
 from service.artifacts.store import ArtifactStore
-from service.jobs.model import Input, Job, JobState
+from service.jobs.index_store import Place
+from service.jobs.lease import Refused
+from service.jobs.model import Job, JobState, new_job_id
 from service.jobs.queue import JobQueue
-from service.jobs.store import JobStore, Refused, created
+from service.jobs.store import Creation, JobStore, created
 from service.problems import Problem
 from service.settings import Settings
-from service.uploads.check import check_content
-from service.uploads.receive import Submission
+
+LOOKED_AT = 2000
+"""Records that one page of a filtered list looks at before it ends early, with a cursor."""
+
+
+@dataclass(frozen=True)
+class Filter:
+    """Which jobs to list."""
+
+    states: frozenset[JobState] = frozenset(JobState)
+    label: str | None = None
+
+    def admits(self, job: Job) -> bool:
+        """Whether `job` belongs in the list."""
+        return job.state in self.states and self.label in (None, job.label)
+
+
+@dataclass(frozen=True)
+class Page:
+    """Jobs, newest first, and where the next page starts."""
+
+    jobs: tuple[Job, ...]
+    next: Place | None
 
 
 class JobCommands:
-    """The desk at which requests become changes."""
+    """The desk at which requests become changes. Another's job is as good as none."""
 
     def __init__(
         self,
@@ -34,78 +61,141 @@ class JobCommands:
         self._artifacts = artifacts
         self._settings = settings
 
-    def submit(self, submission: Submission) -> Job:
-        """A new queued job; when this returns, input and record are on disk."""
-        stored = submission.stored
-        try:
-            chosen = options_to_mapping(options_from(submission.options()))
-            self._require_room()
-            points = check_content(stored, self._settings)
-            job = Job(
-                id=secrets.token_hex(16),
-                state=JobState.QUEUED,
-                attempt=1,
-                options=chosen,
-                input=Input(stored.name, stored.header.format, stored.bytes, stored.sha256, points),
-            )
-            self._artifacts.adopt_input(job.id, stored.path, stored.header.format)
-        finally:
-            stored.path.unlink(missing_ok=True)
-        return self._accept(job)
+    # Reading
 
-    def get(self, job_id: str) -> Job:
-        """The job; raises Problem `job.not_found`."""
+    def get(self, caller: Caller, job_id: str) -> Job:
+        """The job; raises Problem `job.not_found` or `job.expired`."""
         job = self._store.get(job_id)
-        if job is None:
+        if job is None or job.owner != caller.owner:
             raise not_found(job_id)
+        if job.state is JobState.EXPIRED:
+            raise expired(job_id)
         return job
 
     def position(self, job: Job) -> int | None:
         """Jobs before this one in the queue."""
         return self._store.position(job.id) if job.state is JobState.QUEUED else None
 
-    def cancel(self, job_id: str) -> Job:
-        """Ask a job to stop; an ended one stays as it is."""
+    def page(self, caller: Caller, wanted: Filter, after: Place | None, size: int) -> Page:
+        """The caller's jobs behind `after`, newest first."""
+        found: list[Job] = []
+        last: Job | None = None
+        jobs = self._store.newest_first(caller.owner, after, batch=max(50, size))
+        for last in islice(jobs, LOOKED_AT):
+            if wanted.admits(last):
+                found.append(last)
+            if len(found) == size:
+                break
+        else:
+            if last is None or next(jobs, None) is None:
+                return Page(tuple(found), None)
+        return Page(tuple(found), Place(last.created_at, last.id) if last else None)
+
+    def artifact_of(self, caller: Caller, job_id: str, name: str) -> Job:
+        """The job that has published a file of this name; raises Problem if it has none."""
+        job = self.get(caller, job_id)
+        if not job.result_attempt:
+            raise no_result(job)
+        if name not in job.artifacts:
+            raise Problem("artifact.not_found", f"job {job_id} has no {name}")
+        return job
+
+    # Changing
+
+    def cancel(self, caller: Caller, job_id: str, *, keep: bool) -> Job:
+        """Ask a job to stop; an ended one stays as it is.
+
+        keep: have the surface so far as the result, if it is running.
+        """
+        self.get(caller, job_id)
         problem = Problem("cancelled", "the job was cancelled by its owner").as_dict()
         try:
-            changed = self._store.ask_cancel(job_id, problem)
+            changed = self._store.ask_cancel(job_id, "keep" if keep else "discard", problem)
         except Refused as refusal:
             if refusal.reason == "missing":
                 raise not_found(job_id) from refusal
         else:
             if changed.state is JobState.CANCELLED:
                 self._queue.withdraw(job_id, changed.attempt)
-        return self.get(job_id)
+        return self.get(caller, job_id)
 
-    def artifact_of(self, job_id: str, name: str) -> tuple[Job, str]:
-        """The job and the name of its published file; raises Problem if there is none."""
-        job = self.get(job_id)
-        if not job.result_attempt:
-            raise _no_result(job)
-        if name not in job.artifacts:
-            raise Problem("artifact.not_found", f"job {job_id} has no {name}")
-        return job, name
+    def delete(self, caller: Caller, job_id: str) -> None:
+        """Remove the job and its files; a running one loses its lease and is killed."""
+        job = self._store.get(job_id)
+        if job is None or job.owner != caller.owner:
+            raise not_found(job_id)
+        self._store.remove(job)
+        self._queue.withdraw(job.id, job.attempt)
+        self._artifacts.remove(job.id)
 
-    def _require_room(self) -> None:
+    def retry(self, caller: Caller, job_id: str, changes: Mapping[str, Any], label: str) -> Job:
+        """A new job on the same input, with some options changed."""
+        parent = self.get(caller, job_id)
+        merged = _merged(parent.options, changes)
+        job = Job(
+            id=new_job_id(),
+            state=JobState.QUEUED,
+            attempt=1,
+            parent=parent.id,
+            owner=caller.owner,
+            label=label or parent.label,
+            options=merged,
+            input=parent.input,
+        )
+        self.require_room()
+        try:
+            self._artifacts.share_input(parent.id, job.id)
+        except FileNotFoundError as error:
+            raise not_found(job_id) from error
+        return self.accept(job)
+
+    def require_room(self) -> None:
+        """Raise Problem `queue.full` or `storage.full` if a new job has no chance."""
         if self._store.count(JobState.QUEUED) >= self._settings.queue_length:
             raise _full()
+        if self._artifacts.free_fraction() < self._settings.disk_low_fraction:
+            raise Problem("storage.full", "the disk of the service is nearly full", retry_after=60)
 
-    def _accept(self, job: Job) -> Job:
-        """Write the record and its queue entry in one transaction: both or neither."""
+    def accept(self, job: Job, *, idempotency_key: str = "", digest: str = "") -> Job:
+        """Write the record and its queue entry in one transaction: both or neither.
+
+        The input must be in the store. Answers the job that was accepted before if this very
+        request was.
+        """
+        creation = Creation(self._settings.queue_length, idempotency_key, digest)
         try:
             with self._redis.pipeline(transaction=True) as pipeline:
                 pipeline.multi()
-                self._store.create(job, queue_cap=self._settings.queue_length, pipeline=pipeline)
+                self._store.create(job, creation, pipeline)
                 self._queue.enqueue(job.id, job.attempt, pipeline)
                 replies = pipeline.execute()
             created(replies[0])
         except Refused as refusal:
             self._queue.withdraw(job.id, job.attempt)
             self._artifacts.remove(job.id)
-            raise _full() from refusal
+            return self._refused(job, refusal)
         # Not on other errors: Redis may have taken the job before the answer was lost. Files
         # without a record are removed later, by age.
-        return self.get(job.id)
+        return self.get(Caller(job.owner), job.id)
+
+    def _refused(self, job: Job, refusal: Refused) -> Job:
+        if refusal.reason == "repeated":
+            return self.get(Caller(job.owner), refusal.job_id)
+        if refusal.reason == "conflict":
+            raise Problem(
+                "idempotency.conflict",
+                f"this Idempotency-Key stands for another request, which became "
+                f"job {refusal.job_id}",
+                where="Idempotency-Key",
+                advice="Use a new key for a new request.",
+            )
+        raise _full()
+
+
+def _merged(before: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The parent's options with some replaced; a new preset starts from that preset."""
+    base = {} if "preset" in changes else dict(before)
+    return options_to_mapping(options_from(base | dict(changes)))
 
 
 def not_found(job_id: str) -> Problem:
@@ -113,12 +203,18 @@ def not_found(job_id: str) -> Problem:
     return Problem("job.not_found", f"there is no job {job_id}")
 
 
-def _full() -> Problem:
-    return Problem("queue.full", "too many jobs are waiting", retry_after=60)
+def expired(job_id: str) -> Problem:
+    """The problem of a job whose time was over."""
+    return Problem("job.expired", f"job {job_id} has expired; its files are removed")
 
 
-def _no_result(job: Job) -> Problem:
+def no_result(job: Job) -> Problem:
+    """The problem of a job that has no files to give."""
     if job.ended:
         return Problem("job.no_result", f"job {job.id} is {job.state}",
                        advice=f"GET /jobs/{job.id} says why.")  # fmt: skip
     return Problem("job.not_ready", f"job {job.id} is {job.state}", retry_after=2)
+
+
+def _full() -> Problem:
+    return Problem("queue.full", "too many jobs are waiting", retry_after=60)

@@ -10,6 +10,7 @@ queued ──► running ──► succeeded ─┐
 from __future__ import annotations
 
 import json
+import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
@@ -39,12 +40,23 @@ TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
     JobState.EXPIRED: frozenset(),
 }
 
-ENDED = frozenset({JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED, JobState.EXPIRED})
+RESULTS = frozenset({JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED})
+"""How a job can end; from then on it waits to expire."""
+
+ENDED = RESULTS | {JobState.EXPIRED}
 
 
 def origins(target: JobState) -> frozenset[JobState]:
     """The states from which `target` may be entered."""
     return frozenset(state for state, nexts in TRANSITIONS.items() if target in nexts)
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """One published file."""
+
+    bytes: int
+    sha256: str
 
 
 @dataclass(frozen=True)
@@ -83,12 +95,15 @@ class Job:
     kind: str = "fit"
     parent: str = ""
     owner: str = ""
+    """Whose it is: the id of an API key, or "" where none is needed."""
+    label: str = ""
+    """A word of the caller's, to find the job by."""
     options: Mapping[str, Any] = field(default_factory=dict)
     input: Input | None = None
     progress: JobProgress | None = None
     problem: Mapping[str, Any] | None = None
-    artifacts: tuple[str, ...] = ()
-    """Names of the files of the result, relative to it."""
+    artifacts: Mapping[str, Artifact] = field(default_factory=dict)
+    """Files of the result, by their names relative to it."""
     result_attempt: int = 0
     """The attempt whose files are the result; 0 while there is none."""
     lease: str = ""
@@ -96,12 +111,13 @@ class Job:
     beats: int = 0
     """Renewals of the lease. It is the moving of this number, not a clock, that keeps a lease."""
     cancel: str = ""
-    """What a caller asked for: "" (nothing) or "discard"."""
+    """What a caller asked for: "" (nothing), "discard", or "keep" (the surface so far)."""
     created_at: int = 0
     updated_at: int = 0
     queued_at: int = 0
     started_at: int | None = None
     finished_at: int | None = None
+    expires_at: int = 0
 
     @property
     def ended(self) -> bool:
@@ -109,10 +125,15 @@ class Job:
         return self.state in ENDED
 
 
+def new_job_id() -> str:
+    """An id that nobody can guess."""
+    return secrets.token_hex(16)
+
+
 _JSON_FIELDS = {"options", "input", "progress", "problem", "artifacts"}
 _INT_FIELDS = {
     "attempt", "result_attempt", "beats", "created_at", "updated_at", "queued_at", "started_at",
-    "finished_at",
+    "finished_at", "expires_at",
 }  # fmt: skip
 
 
@@ -128,7 +149,8 @@ def job_from_record(record: Mapping[str, str]) -> Job:
         values["input"] = Input(**values["input"])
     if values.get("progress"):
         values["progress"] = JobProgress(**values["progress"])
-    values["artifacts"] = tuple(values.get("artifacts") or ())
+    files = values.get("artifacts") or {}
+    values["artifacts"] = {name: Artifact(**about) for name, about in files.items()}
     return Job(**values)
 
 

@@ -1,14 +1,18 @@
-"""POST /jobs, GET /jobs/{id}, POST /jobs/{id}/cancel."""
+"""Submitting, showing, listing, stopping, removing and repeating jobs."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Annotated, Any
 
 from anyio import to_thread
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import APIRouter, Header, Path, Query, Request, Response
 
 from mpf_core.options import options_schema
-from service.jobs.schemas import JobOut, job_out
+from service.access.dependency import CallerDep
+from service.jobs.commands import Filter
+from service.jobs.model import Job, JobState
+from service.jobs.schemas import JobListOut, JobOut, RetryIn, cursor_from, job_out, place_from
 from service.problems import catalogue
 from service.responses import problems
 from service.state import State, StateDep
@@ -16,6 +20,23 @@ from service.state import State, StateDep
 router = APIRouter(tags=["jobs"])
 
 JobId = Annotated[str, Path(description="As POST /jobs gave it.")]
+
+IdempotencyKey = Annotated[
+    str,
+    Header(
+        max_length=255,
+        description="The same key with the same request answers the same job, for 24 hours.",
+    ),
+]
+
+
+class Keep(StrEnum):
+    """What a cancelled job leaves behind."""
+
+    RESULT = "result"
+
+
+_FOUND = problems("job.not_found", "job.expired", "request.invalid")
 
 POLL_SECONDS = "2"
 """What Retry-After tells a client that polls."""
@@ -37,6 +58,7 @@ _UPLOAD_BODY: dict[str, Any] = {
                             "description": "A point cloud, .ply or .xyz.",
                         },
                         "options": options_schema(),
+                        "label": {"type": "string", "maxLength": 200},
                     },
                 },
                 "encoding": {"options": {"contentType": "application/json"}},
@@ -51,7 +73,12 @@ _UPLOAD_BODY: dict[str, Any] = {
     status_code=202,
     openapi_extra=_UPLOAD_BODY,
     responses=problems(
-        "request.malformed", "request.media_type", *_INPUT_CODES, "queue.full", "storage.full"
+        "request.malformed",
+        "request.media_type",
+        *_INPUT_CODES,
+        "queue.full",
+        "storage.full",
+        "idempotency.conflict",
     )
     | {
         202: {
@@ -62,40 +89,86 @@ _UPLOAD_BODY: dict[str, Any] = {
         }
     },
 )
-async def submit(request: Request, response: Response, state: StateDep) -> JobOut:
+async def submit(
+    request: Request,
+    response: Response,
+    caller: CallerDep,
+    state: StateDep,
+    idempotency_key: IdempotencyKey = "",
+) -> JobOut:
     """Take a cloud in and queue its reconstruction."""
     submission = await state.receiver.form(request)
-    job = await to_thread.run_sync(state.jobs.submit, submission)
-    _point_at(response, job.id)
-    return await to_thread.run_sync(_shown, state, job.id)
+    job = await to_thread.run_sync(state.intake.submit, caller, submission, idempotency_key)
+    return await to_thread.run_sync(_accepted, state, job, response)
 
 
-@router.get("/jobs/{job_id}", responses=problems("job.not_found"))
-def show(job_id: JobId, response: Response, state: StateDep) -> JobOut:
+@router.get("/jobs", responses=problems("request.invalid"))
+def list_jobs(
+    caller: CallerDep,
+    state: StateDep,
+    states: Annotated[list[JobState], Query(alias="state", description="Only these.")] = [],  # noqa: B006
+    label: Annotated[str | None, Query(description="Only jobs with this label.")] = None,
+    cursor: Annotated[str | None, Query(description="`next` of the page before.")] = None,
+    limit: Annotated[int, Query(ge=1, le=200)] = 50,
+) -> JobListOut:
+    """The caller's jobs, newest first."""
+    wanted = Filter(frozenset(states or JobState), label)
+    after = place_from(cursor) if cursor is not None else None
+    page = state.jobs.page(caller, wanted, after, limit)
+    shown = [job_out(job, state.jobs.position(job)) for job in page.jobs]
+    return JobListOut(jobs=shown, next=cursor_from(page.next))
+
+
+@router.get("/jobs/{job_id}", responses=_FOUND)
+def show(job_id: JobId, response: Response, caller: CallerDep, state: StateDep) -> JobOut:
     """The job as it stands."""
-    shown = _shown(state, job_id)
-    if shown.state in ("queued", "running"):
+    job = state.jobs.get(caller, job_id)
+    if not job.ended:
         response.headers["Retry-After"] = POLL_SECONDS
-    return shown
+    return job_out(job, state.jobs.position(job))
+
+
+@router.delete("/jobs/{job_id}", status_code=204, responses=problems("job.not_found"))
+def delete(job_id: JobId, caller: CallerDep, state: StateDep) -> None:
+    """Remove the job and all its files; a running one is stopped."""
+    state.jobs.delete(caller, job_id)
+
+
+@router.post("/jobs/{job_id}/cancel", status_code=202, responses=_FOUND)
+def cancel(
+    job_id: JobId,
+    response: Response,
+    caller: CallerDep,
+    state: StateDep,
+    keep: Annotated[Keep | None, Query(description="`result`: the surface so far.")] = None,
+) -> JobOut:
+    """Ask the job to stop; one that has ended stays as it is."""
+    job = state.jobs.cancel(caller, job_id, keep=keep is Keep.RESULT)
+    return _accepted(state, job, response)
 
 
 @router.post(
-    "/jobs/{job_id}/cancel",
+    "/jobs/{job_id}/retry",
     status_code=202,
-    responses=problems("job.not_found"),
+    responses=problems(
+        "job.not_found", "job.expired", "options.invalid", "request.invalid", "queue.full",
+        "storage.full",
+    ),
 )
-def cancel(job_id: JobId, response: Response, state: StateDep) -> JobOut:
-    """Ask the job to stop; one that has ended stays as it is."""
-    state.jobs.cancel(job_id)
-    _point_at(response, job_id)
-    return _shown(state, job_id)
+def retry(
+    job_id: JobId,
+    response: Response,
+    caller: CallerDep,
+    state: StateDep,
+    changes: RetryIn | None = None,
+) -> JobOut:
+    """A new job on the same input, with some options changed."""
+    wanted = changes or RetryIn()
+    job = state.jobs.retry(caller, job_id, wanted.options, wanted.label)
+    return _accepted(state, job, response)
 
 
-def _point_at(response: Response, job_id: str) -> None:
-    response.headers["Location"] = f"/jobs/{job_id}"
+def _accepted(state: State, job: Job, response: Response) -> JobOut:
+    response.headers["Location"] = f"/jobs/{job.id}"
     response.headers["Retry-After"] = POLL_SECONDS
-
-
-def _shown(state: State, job_id: str) -> JobOut:
-    job = state.jobs.get(job_id)
     return job_out(job, state.jobs.position(job))

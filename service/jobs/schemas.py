@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from base64 import urlsafe_b64decode, urlsafe_b64encode
 from datetime import UTC, datetime
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from mpf_core.options import options_schema
+from service.jobs.index_store import Place
 from service.jobs.model import Input, Job, JobProgress, JobState
+from service.problems import Problem
 
 
 class ProblemOut(BaseModel):
@@ -52,6 +56,16 @@ class InputOut(BaseModel):
     points: int | None = Field(default=None, description="None while they are not counted.")
 
 
+class ArtifactOut(BaseModel):
+    """One file of the result."""
+
+    model_config = ConfigDict(title="Artifact")
+
+    href: str
+    bytes: int
+    sha256: str
+
+
 class JobOut(BaseModel):
     """One job. Times are RFC 3339 in UTC."""
 
@@ -59,6 +73,8 @@ class JobOut(BaseModel):
 
     id: str
     kind: str
+    parent: str | None = Field(description="The job whose input or field this one uses.")
+    label: str
     state: JobState
     attempt: int = Field(description="Grows when the job is handed back or its worker is lost.")
     cancelling: bool = Field(description="It was asked to stop and has not stopped yet.")
@@ -71,7 +87,8 @@ class JobOut(BaseModel):
     updated_at: datetime
     started_at: datetime | None
     finished_at: datetime | None
-    artifacts: dict[str, str] = Field(description="Name → link of each file of the result.")
+    expires_at: datetime = Field(description="When its files are removed, if it has ended by then.")
+    artifacts: dict[str, ArtifactOut] = Field(description="The files of the result by name.")
     links: dict[str, str]
 
 
@@ -80,6 +97,8 @@ def job_out(job: Job, position: int | None) -> JobOut:
     return JobOut(
         id=job.id,
         kind=job.kind,
+        parent=job.parent or None,
+        label=job.label,
         state=job.state,
         attempt=job.attempt,
         cancelling=bool(job.cancel) and not job.ended,
@@ -92,9 +111,49 @@ def job_out(job: Job, position: int | None) -> JobOut:
         updated_at=_time(job.updated_at),
         started_at=_time(job.started_at) if job.started_at else None,
         finished_at=_time(job.finished_at) if job.finished_at else None,
-        artifacts={name: f"/jobs/{job.id}/{name}" for name in job.artifacts},
-        links={"self": f"/jobs/{job.id}", "cancel": f"/jobs/{job.id}/cancel"},
+        expires_at=_time(job.expires_at),
+        artifacts={
+            name: ArtifactOut(href=f"/jobs/{job.id}/{name}", bytes=file.bytes, sha256=file.sha256)
+            for name, file in job.artifacts.items()
+        },
+        links={"self": f"/jobs/{job.id}"}
+        | {name: f"/jobs/{job.id}/{name}" for name in ("cancel", "retry", "events")},
     )
+
+
+class JobListOut(BaseModel):
+    """A page of jobs, newest first."""
+
+    model_config = ConfigDict(title="JobList")
+
+    jobs: list[JobOut]
+    next: str | None = Field(description="Cursor of the next page; None on the last one.")
+
+
+class RetryIn(BaseModel):
+    """What is different from the job that is tried again."""
+
+    model_config = ConfigDict(title="Retry", extra="forbid")
+
+    options: dict[str, Any] = Field(default_factory=dict, json_schema_extra=options_schema())
+    label: str = Field(default="", max_length=200)
+
+
+def cursor_from(place: Place | None) -> str | None:
+    """A place in a list as a client carries it."""
+    if place is None:
+        return None
+    return urlsafe_b64encode(f"{place.created_at}.{place.job_id}".encode()).decode().rstrip("=")
+
+
+def place_from(cursor: str) -> Place:
+    """The place that a cursor stands for; raises Problem if it is none of ours."""
+    try:
+        text = urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)).decode()
+        created_at, _, job_id = text.partition(".")
+        return Place(int(created_at), job_id)
+    except ValueError as error:
+        raise Problem("request.invalid", "the cursor is none of ours", where="cursor") from error
 
 
 def _progress_out(progress: JobProgress | None) -> ProgressOut | None:

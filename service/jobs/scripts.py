@@ -1,4 +1,4 @@
-"""The two atomic changes of a record, as Redis runs them.
+"""The atomic changes of a record, as Redis runs them.
 
 KEYS[1] record, KEYS[2] its stream of events. Every change: check what the caller expects, then
 write the fields, move the id between the per-state indexes, append an event, wake the waiters.
@@ -6,26 +6,41 @@ write the fields, move the id between the per-state indexes, append an event, wa
 
 from __future__ import annotations
 
-# ARGV: id, fields (JSON object), index prefix, feed channel, events kept, queue cap (0: none)
+# KEYS[3] owner's index, KEYS[4] the owner's idempotency key ("": none)
+# ARGV: id, fields (JSON object), index prefix, feed channel, events kept, queue cap (0: none),
+#       retention ms, digest of the request, idempotency ms
 CREATE = """
 if redis.call('EXISTS', KEYS[1]) == 1 then return {'exists'} end
+if KEYS[4] ~= '' then
+  local before = redis.call('HMGET', KEYS[4], 'digest', 'job')
+  if before[1] then
+    if before[1] == ARGV[8] then return {'repeated', before[2]} end
+    return {'conflict', before[2]}
+  end
+end
 local cap = tonumber(ARGV[6])
 if cap > 0 and redis.call('ZCARD', ARGV[3] .. 'queued') >= cap then return {'full'} end
 local t = redis.call('TIME')
-local now = string.format('%d', t[1] * 1000 + math.floor(t[2] / 1000))
+local ms = t[1] * 1000 + math.floor(t[2] / 1000)
+local now = string.format('%d', ms)
 for name, value in pairs(cjson.decode(ARGV[2])) do redis.call('HSET', KEYS[1], name, value) end
-redis.call('HSET', KEYS[1], 'created_at', now, 'updated_at', now, 'queued_at', now)
+redis.call('HSET', KEYS[1], 'created_at', now, 'updated_at', now, 'queued_at', now,
+           'expires_at', string.format('%d', ms + tonumber(ARGV[7])))
 redis.call('ZADD', ARGV[3] .. 'queued', now, ARGV[1])
-redis.call('ZADD', ARGV[3] .. 'all', now, ARGV[1])
+redis.call('ZADD', KEYS[3], now, ARGV[1])
 redis.call('XADD', KEYS[2], 'MAXLEN', '~', ARGV[5], '*', 'event', 'state', 'data',
            '{"state": "queued"}')
+if KEYS[4] ~= '' then
+  redis.call('HSET', KEYS[4], 'digest', ARGV[8], 'job', ARGV[1])
+  redis.call('PEXPIRE', KEYS[4], ARGV[9])
+end
 redis.call('PUBLISH', ARGV[4], ARGV[1])
-return {'ok', 'queued', '1'}
+return {'ok', ARGV[1]}
 """
 
 # ARGV: id, expected fields (JSON), states it may be in (",a,b,"), new state ("": stays),
 #       fields (JSON), stamp field ("": none), 1 if the attempt number grows, event name ("": none),
-#       event data, index prefix, feed channel, events kept
+#       event data, index prefix, feed channel, events kept, retention ms (0: not an end)
 CHANGE = """
 local state = redis.call('HGET', KEYS[1], 'state')
 if not state then return {'missing'} end
@@ -34,7 +49,8 @@ for name, value in pairs(cjson.decode(ARGV[2])) do
 end
 if not string.find(ARGV[3], ',' .. state .. ',', 1, true) then return {'illegal', state} end
 local t = redis.call('TIME')
-local now = string.format('%d', t[1] * 1000 + math.floor(t[2] / 1000))
+local ms = t[1] * 1000 + math.floor(t[2] / 1000)
+local now = string.format('%d', ms)
 for name, value in pairs(cjson.decode(ARGV[5])) do redis.call('HSET', KEYS[1], name, value) end
 redis.call('HSET', KEYS[1], 'updated_at', now)
 if ARGV[6] ~= '' then redis.call('HSET', KEYS[1], ARGV[6], now) end
@@ -45,6 +61,12 @@ if ARGV[4] ~= '' and ARGV[4] ~= state then
   redis.call('ZADD', ARGV[10] .. ARGV[4], now, ARGV[1])
   state = ARGV[4]
 end
+if ARGV[13] ~= '0' then
+  local expiry = string.format('%d', ms + tonumber(ARGV[13]))
+  redis.call('HSET', KEYS[1], 'expires_at', expiry)
+  redis.call('ZADD', ARGV[10] .. 'ended', expiry, ARGV[1])
+end
+if state == 'expired' then redis.call('ZREM', ARGV[10] .. 'ended', ARGV[1]) end
 if ARGV[8] ~= '' then
   redis.call('XADD', KEYS[2], 'MAXLEN', '~', ARGV[12], '*', 'event', ARGV[8], 'data', ARGV[9])
   redis.call('PUBLISH', ARGV[11], ARGV[1])
@@ -61,11 +83,13 @@ redis.call('HINCRBY', KEYS[1], 'beats', 1)
 return {'ok', redis.call('HGET', KEYS[1], 'cancel') or ''}
 """
 
-# ARGV: id, index prefix
+# KEYS[3] owner's index; ARGV: id, index prefix, feed channel
 REMOVE = """
 if redis.call('EXISTS', KEYS[1]) == 0 then return {'missing'} end
-for _, state in ipairs({'queued', 'running', 'succeeded', 'failed', 'cancelled', 'expired', 'all'})
-do redis.call('ZREM', ARGV[2] .. state, ARGV[1]) end
+for _, state in ipairs({'queued', 'running', 'succeeded', 'failed', 'cancelled', 'expired',
+                        'ended'}) do redis.call('ZREM', ARGV[2] .. state, ARGV[1]) end
+redis.call('ZREM', KEYS[3], ARGV[1])
 redis.call('DEL', KEYS[1], KEYS[2])
+redis.call('PUBLISH', ARGV[3], ARGV[1])
 return {'ok'}
 """

@@ -15,111 +15,81 @@ from redis import Redis
 from redis.client import Pipeline
 
 from service.events.store import EVENTS_KEPT, FEED_CHANNEL, stream_key
+from service.jobs.index_store import (
+    INDEX_PREFIX,
+    JobIndex,
+    idempotency_key,
+    owner_key,
+    record_key,
+    text_of,
+)
+from service.jobs.lease import Changed, Lease, Refused
 from service.jobs.model import (
+    RESULTS,
     TRANSITIONS,
-    Input,
+    Artifact,
     Job,
     JobProgress,
     JobState,
     as_field,
-    job_from_record,
     origins,
 )
 from service.jobs.scripts import CHANGE, CREATE, REMOVE, RENEW
 
-INDEX_PREFIX = "mpf:jobs:in:"
 EVERYWHERE = frozenset(TRANSITIONS)
 
 
-def record_key(job_id: str) -> str:
-    """The hash that holds a job's record."""
-    return f"mpf:job:{job_id}"
-
-
 @dataclass(frozen=True)
-class Lease:
-    """The right to write one attempt of one job."""
+class Creation:
+    """How a new record is to be written.
 
-    job_id: str
-    attempt: int
-    holder: str
+    queue_cap: queued jobs above which it is refused; 0: none
+    idempotency_key, digest: the caller's word for this request, and what it stood for
+    """
 
-    def token(self) -> str:
-        """What the record holds while this lease is valid."""
-        return f"{self.attempt}:{self.holder}"
-
-
-class Refused(Exception):
-    """The record is not what the change expects: gone, in another state, or another's."""
-
-    def __init__(self, reason: str, state: JobState | None):
-        super().__init__(f"{reason} ({state})")
-        self.reason = reason
-        """missing, fenced, illegal, exists or full."""
-        self.state = state
+    queue_cap: int = 0
+    idempotency_key: str = ""
+    digest: str = ""
 
 
-@dataclass(frozen=True)
-class Changed:
-    """The record right after a change."""
-
-    state: JobState
-    attempt: int
-    cancel: str
+IDEMPOTENCY_SECONDS = 86_400
 
 
-class JobStore:
+class JobStore(JobIndex):
     """Reads and atomic changes of job records. Safe to share between threads."""
 
-    def __init__(self, redis: Redis):
-        self._redis = redis
+    def __init__(self, redis: Redis, *, retention_seconds: float):
+        super().__init__(redis)
+        self._retention_ms = int(retention_seconds * 1000)
         self._create = redis.register_script(CREATE)
         self._change = redis.register_script(CHANGE)
         self._renew = redis.register_script(RENEW)
         self._remove = redis.register_script(REMOVE)
 
-    # Reading
-
-    def get(self, job_id: str) -> Job | None:
-        """The job, or None."""
-        record = self._redis.hgetall(record_key(job_id))
-        return job_from_record({_text(k): _text(v) for k, v in record.items()}) if record else None
-
-    def in_state(self, state: JobState) -> list[str]:
-        """Ids of the jobs in `state`, the longest there first."""
-        return [_text(job_id) for job_id in self._redis.zrange(INDEX_PREFIX + state, 0, -1)]
-
-    def count(self, state: JobState) -> int:
-        """How many jobs are in `state`."""
-        return int(self._redis.zcard(INDEX_PREFIX + state))
-
-    def position(self, job_id: str) -> int | None:
-        """How many queued jobs are before this one, or None if it is not queued."""
-        rank: Any = self._redis.zrank(INDEX_PREFIX + JobState.QUEUED, job_id)
-        return None if rank is None else int(rank)
-
     def look(self, lease: Lease) -> tuple[bool, str]:
         """Whether `lease` is still the one that counts, and the cancel flag."""
         found = self._redis.hmget(record_key(lease.job_id), ["state", "lease", "cancel"])
-        state, token, cancel = (_text(value or b"") for value in found)
+        state, token, cancel = (text_of(value or b"") for value in found)
         return (state, token) == (JobState.RUNNING, lease.token()), cancel
 
     # The life of a job
 
-    def create(self, job: Job, *, queue_cap: int = 0, pipeline: Pipeline | None = None) -> None:
-        """Write a new `queued` record; within `pipeline` the answer is `created`'s to read."""
+    def create(self, job: Job, creation: Creation, pipeline: Pipeline) -> None:
+        """Write a new `queued` record within `pipeline`; `created` reads the answer."""
         given = {"id": job.id, "state": job.state, "attempt": job.attempt, "kind": job.kind,
-                 "parent": job.parent, "owner": job.owner, "options": dict(job.options),
-                 "result_attempt": 0, "beats": 0}  # fmt: skip
+                 "parent": job.parent, "owner": job.owner, "label": job.label,
+                 "options": dict(job.options), "result_attempt": 0, "beats": 0}  # fmt: skip
         if job.input is not None:
             given["input"] = asdict(job.input)
-        reply = self._create(
-            keys=[record_key(job.id), stream_key(job.id)],
-            args=[job.id, _fields(given), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT, queue_cap],
+        name = creation.idempotency_key
+        remembered = idempotency_key(job.owner, name) if name else ""
+        self._create(
+            keys=[record_key(job.id), stream_key(job.id), owner_key(job.owner), remembered],
+            args=[job.id, _fields(given), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT,
+                  creation.queue_cap, self._retention_ms, creation.digest,
+                  IDEMPOTENCY_SECONDS * 1000],
             client=pipeline,
-        )
-        if pipeline is None:
-            created(reply)
+        )  # fmt: skip
 
     def start(self, lease: Lease) -> Job:
         """`queued → running` under `lease`; refused unless this very attempt is waiting."""
@@ -151,14 +121,15 @@ class JobStore:
 
     def renew(self, lease: Lease) -> tuple[bool, str]:
         """Move the lease's beat on. Says whether the lease still counts, and the cancel flag."""
-        reply = [_text(part) for part in self._renew(
+        reply = [text_of(part) for part in self._renew(
             keys=[record_key(lease.job_id)], args=[lease.job_id, lease.token()]
         )]  # fmt: skip
         return reply[0] == "ok", reply[1] if len(reply) > 1 else ""
 
-    def succeed(self, lease: Lease, artifacts: tuple[str, ...]) -> Changed:
+    def succeed(self, lease: Lease, artifacts: Mapping[str, Artifact]) -> Changed:
         """`running → succeeded`: from here on this attempt's files are the job's result."""
-        fields = {"artifacts": list(artifacts), "result_attempt": lease.attempt, "lease": ""}
+        files = {name: asdict(about) for name, about in artifacts.items()}
+        fields = {"artifacts": files, "result_attempt": lease.attempt, "lease": ""}
         return self._apply(
             lease.job_id, JobState.SUCCEEDED, expect={"lease": lease.token()}, fields=fields
         )
@@ -187,33 +158,36 @@ class JobStore:
         """As `reap`, but the job had been asked to stop."""
         return self._end(job.id, JobState.CANCELLED, _as_seen(job), problem)
 
-    def ask_cancel(self, job_id: str, problem: Mapping[str, Any]) -> Changed:
-        """Cancel a queued job at once; ask a running one to stop. An ended one is refused."""
+    def ask_cancel(self, job_id: str, how: str, problem: Mapping[str, Any]) -> Changed:
+        """Cancel a queued job at once; ask a running one to stop. An ended one is refused.
+
+        how: "discard", or "keep" to have the surface so far as the result.
+        """
         try:
             return self._apply(
                 job_id, JobState.CANCELLED, expect={"lease": ""},
-                fields={"problem": dict(problem), "cancel": "discard"},
+                fields={"problem": dict(problem), "cancel": how},
             )  # fmt: skip
         except Refused as refusal:
             if refusal.state is not JobState.RUNNING:
                 raise
         return self._apply(
-            job_id, None, expect={}, fields={"cancel": "discard"},
-            allowed=frozenset({JobState.RUNNING}), event="cancel", data={"cancel": "discard"},
+            job_id, None, expect={}, fields={"cancel": how},
+            allowed=frozenset({JobState.RUNNING}), event="cancel", data={"cancel": how},
         )  # fmt: skip
 
-    def learn_input(self, job_id: str, known: Input) -> Changed:
-        """Correct what is known of the input (the points, once they are counted)."""
-        return self._apply(
-            job_id, None, expect={}, fields={"input": asdict(known)}, allowed=EVERYWHERE
-        )
+    def expire(self, job_id: str, problem: Mapping[str, Any]) -> Changed:
+        """An ended job's files are removed; its record stays to say so."""
+        fields = {"problem": dict(problem), "artifacts": {}, "result_attempt": 0}
+        return self._apply(job_id, JobState.EXPIRED, expect={}, fields=fields)
 
-    def remove(self, job_id: str) -> bool:
+    def remove(self, job: Job) -> bool:
         """Forget the job altogether. Says whether there was one."""
         reply = self._remove(
-            keys=[record_key(job_id), stream_key(job_id)], args=[job_id, INDEX_PREFIX]
+            keys=[record_key(job.id), stream_key(job.id), owner_key(job.owner)],
+            args=[job.id, INDEX_PREFIX, FEED_CHANNEL],
         )
-        return _text(reply[0]) == "ok"
+        return text_of(reply[0]) == "ok"
 
     # One way in for all changes
 
@@ -248,9 +222,10 @@ class JobStore:
             job_id, json.dumps(expect), f",{','.join(sorted(sources))},", target or "",
             _fields(fields), _STAMPS.get(target, "") if target else "", int(next_attempt), event,
             json.dumps(data or {}, allow_nan=False), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT,
+            self._retention_ms if target in RESULTS else 0,
         ]  # fmt: skip
         reply = self._change(keys=[record_key(job_id), stream_key(job_id)], args=args)
-        verdict, *rest = [_text(part) for part in reply]
+        verdict, *rest = [text_of(part) for part in reply]
         if verdict != "ok":
             raise Refused(verdict, JobState(rest[0]) if rest else None)
         return Changed(JobState(rest[0]), int(rest[1]), rest[2])
@@ -272,14 +247,10 @@ def _as_seen(job: Job) -> dict[str, str]:
 
 def created(reply: Any) -> None:
     """Raise Refused unless the answer of `create` says that the record was written."""
-    verdict = _text(reply[0])
+    verdict, *rest = [text_of(part) for part in reply]
     if verdict != "ok":
-        raise Refused(verdict, None)
+        raise Refused(verdict, job_id=rest[0] if rest else "")
 
 
 def _fields(values: Mapping[str, Any]) -> str:
     return json.dumps({name: as_field(value) for name, value in values.items()})
-
-
-def _text(value: Any) -> str:
-    return value.decode() if isinstance(value, bytes) else str(value)

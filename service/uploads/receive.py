@@ -28,6 +28,8 @@ WRITE_BYTES = 512 * 1024
 FORM_OVERHEAD = 256 * 1024
 """What a form may weigh beside its file."""
 
+LABEL_CHARACTERS = 200
+
 DRAIN_BYTES, DRAIN_SECONDS = 4 * 2**20, 2.0
 
 
@@ -41,6 +43,16 @@ class Submission:
     def options(self) -> dict[str, Any]:
         """The options as the caller wrote them; raises OptionsError if that is not an object."""
         return parse_options(self.fields.get("options", ""))
+
+    def label(self) -> str:
+        """The caller's word for the job; raises Problem if it is too long."""
+        label = self.fields.get("label", "")
+        if len(label) > LABEL_CHARACTERS:
+            raise Problem(
+                "request.invalid", f"the label has more than {LABEL_CHARACTERS} characters",
+                where="label",
+            )  # fmt: skip
+        return label
 
 
 def parse_options(text: str) -> dict[str, Any]:

@@ -49,7 +49,7 @@ def test_a_job_succeeds_and_its_files_can_be_fetched(
     with running_worker(settings):
         job = until(client, job_id, "succeeded", "failed")
     assert job["state"] == "succeeded"
-    assert job["artifacts"]["slices/x/0.png"] == f"/jobs/{job_id}/slices/x/0.png"
+    assert job["artifacts"]["slices/x/0.png"]["href"] == f"/jobs/{job_id}/slices/x/0.png"
     assert client.get(f"/jobs/{job_id}/mesh.glb").content.startswith(b"glTF")
     assert client.get(f"/jobs/{job_id}/mesh.ply").content.startswith(b"ply")
     assert client.get(f"/jobs/{job_id}/report.json").json() == {"attempt": 1}

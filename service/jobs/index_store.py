@@ -1,0 +1,115 @@
+"""Reading job records and the indexes over them; the names of their keys."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from redis import Redis
+
+from service.jobs.model import Job, JobState, job_from_record
+
+INDEX_PREFIX = "mpf:jobs:in:"
+ENDED_INDEX = INDEX_PREFIX + "ended"
+"""Ended jobs by the time at which they expire."""
+
+
+def record_key(job_id: str) -> str:
+    """The hash that holds a job's record."""
+    return f"mpf:job:{job_id}"
+
+
+def owner_key(owner: str) -> str:
+    """The jobs of one owner by the time of their creation."""
+    return f"mpf:jobs:of:{owner}"
+
+
+def idempotency_key(owner: str, key: str) -> str:
+    """What an owner's Idempotency-Key stands for."""
+    return f"mpf:idempotency:{owner}:{key}"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place in an owner's list: jobs listed after it are older."""
+
+    created_at: int
+    job_id: str
+
+
+class JobIndex:
+    """Reads only."""
+
+    def __init__(self, redis: Redis):
+        self._redis = redis
+
+    def get(self, job_id: str) -> Job | None:
+        """The job, or None."""
+        record = self._redis.hgetall(record_key(job_id))
+        return _job(record) if record else None
+
+    def in_state(self, state: JobState) -> list[str]:
+        """Ids of the jobs in `state`, the longest there first."""
+        return [text_of(job_id) for job_id in self._redis.zrange(INDEX_PREFIX + state, 0, -1)]
+
+    def count(self, state: JobState) -> int:
+        """How many jobs are in `state`."""
+        return int(self._redis.zcard(INDEX_PREFIX + state))
+
+    def position(self, job_id: str) -> int | None:
+        """How many queued jobs are before this one, or None if it is not queued."""
+        rank: Any = self._redis.zrank(INDEX_PREFIX + JobState.QUEUED, job_id)
+        return None if rank is None else int(rank)
+
+    def oldest_queued_seconds(self) -> float:
+        """For how long the first job of the queue has waited."""
+        first: Any = self._redis.zrange(INDEX_PREFIX + JobState.QUEUED, 0, 0, withscores=True)
+        return max(0.0, self.now() - float(first[0][1]) / 1000) if first else 0.0
+
+    def due(self, most: int) -> list[str]:
+        """Ended jobs whose time to expire has come."""
+        found = self._redis.zrange(
+            ENDED_INDEX, "-inf", int(self.now() * 1000), byscore=True, offset=0, num=most
+        )
+        return [text_of(job_id) for job_id in found]
+
+    def first_to_expire(self, most: int) -> list[str]:
+        """Ended jobs, those that expire first before the others."""
+        return [text_of(job_id) for job_id in self._redis.zrange(ENDED_INDEX, 0, most - 1)]
+
+    def newest_first(self, owner: str, after: Place | None, batch: int) -> Iterator[Job]:
+        """The jobs of `owner`, newest first, from behind `after` on; read in batches."""
+        top: int | str = "+inf" if after is None else after.created_at
+        offset = 0
+        while True:
+            found = self._redis.zrange(
+                owner_key(owner), top, "-inf",
+                desc=True, byscore=True, offset=offset, num=batch,
+            )  # fmt: skip
+            for job in self._many([text_of(job_id) for job_id in found]):
+                if after is None or (job.created_at, job.id) < (after.created_at, after.job_id):
+                    yield job
+            if len(found) < batch:
+                return
+            offset += batch
+
+    def now(self) -> float:
+        """The clock of Redis, s since 1970."""
+        seconds, microseconds = self._redis.time()
+        return float(seconds) + float(microseconds) / 1e6
+
+    def _many(self, job_ids: list[str]) -> Iterator[Job]:
+        with self._redis.pipeline(transaction=False) as pipeline:
+            for job_id in job_ids:
+                pipeline.hgetall(record_key(job_id))
+            yield from (_job(record) for record in pipeline.execute() if record)
+
+
+def _job(record: Any) -> Job:
+    return job_from_record({text_of(k): text_of(v) for k, v in record.items()})
+
+
+def text_of(value: Any) -> str:
+    """What Redis holds is UTF-8."""
+    return value.decode() if isinstance(value, bytes) else str(value)

@@ -1,0 +1,53 @@
+"""A received submission becomes a job."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+from mpf_core.options import options_from, options_to_mapping
+from service.access.caller import Caller
+from service.artifacts.store import ArtifactStore
+from service.jobs.commands import JobCommands
+from service.jobs.model import Input, Job, JobState, new_job_id
+from service.settings import Settings
+from service.uploads.check import check_content
+from service.uploads.receive import Submission
+
+
+class Intake:
+    """The way from a file in `uploads/` to a queued job; the file is gone afterwards."""
+
+    def __init__(self, commands: JobCommands, artifacts: ArtifactStore, settings: Settings):
+        self._commands = commands
+        self._artifacts = artifacts
+        self._settings = settings
+
+    def submit(self, caller: Caller, submission: Submission, idempotency_key: str) -> Job:
+        """When this returns, input and record are on disk."""
+        stored = submission.stored
+        try:
+            options = options_to_mapping(options_from(submission.options()))
+            self._commands.require_room()
+            points = check_content(stored, self._settings)
+            job = Job(
+                id=new_job_id(),
+                state=JobState.QUEUED,
+                attempt=1,
+                owner=caller.owner,
+                label=submission.label(),
+                options=options,
+                input=Input(stored.name, stored.header.format, stored.bytes, stored.sha256, points),
+            )
+            self._artifacts.adopt_input(job.id, stored.path, stored.header.format)
+        finally:
+            stored.path.unlink(missing_ok=True)
+        return self._commands.accept(
+            job, idempotency_key=idempotency_key, digest=_digest(submission)
+        )
+
+
+def _digest(submission: Submission) -> str:
+    """What makes two requests the same: the bytes, their name and what was asked of them."""
+    told = [submission.stored.sha256, submission.stored.name, sorted(submission.fields.items())]
+    return hashlib.sha256(json.dumps(told).encode()).hexdigest()
