@@ -99,6 +99,9 @@ class Settings(BaseSettings):
         description="Free share of the disk below which ended jobs expire early and POST answers "
         "507.",
     )
+    retention_round_seconds: float = Field(
+        default=30.0, gt=0, description="Time between two looks at what has expired, s."
+    )
     orphan_seconds: float = Field(
         default=3600.0, gt=0, description="Age at which files that belong to no job are removed, s."
     )

@@ -26,6 +26,7 @@ class State:
     settings: Settings
     redis: Redis
     artifacts: ArtifactStore
+    store: JobStore
     jobs: JobCommands
     receiver: Receiver
     intake: Intake
@@ -43,6 +44,7 @@ def build_state(settings: Settings) -> State:
         settings=settings,
         redis=redis,
         artifacts=artifacts,
+        store=store,
         jobs=commands,
         receiver=Receiver(artifacts, settings),
         intake=Intake(commands, artifacts, settings),

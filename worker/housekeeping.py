@@ -1,9 +1,11 @@
-"""What every worker does beside its jobs, in a thread: sign the register, reap."""
+"""What every worker does beside its jobs, in a thread: sign the register, reap, expire."""
 
 from __future__ import annotations
 
 import logging
+import math
 import threading
+import time
 
 from redis.exceptions import RedisError
 
@@ -11,6 +13,7 @@ from service.artifacts.store import ArtifactStore
 from service.connection import connect
 from service.jobs.queue import JobQueue
 from service.jobs.store import JobStore
+from service.operations.retention import Retention
 from service.operations.store import WorkerRegister
 from service.settings import Settings
 from worker.reaper import Reaper
@@ -28,12 +31,12 @@ class Housekeeping:
         self._name = name
         self._register = WorkerRegister(redis)
         queue = JobQueue(redis, job_seconds=settings.job_seconds)
-        self._reaper = Reaper(
-            JobStore(redis, retention_seconds=settings.retention_seconds),
-            queue,
-            ArtifactStore(settings.data_dir),
-            settings,
-        )
+        store = JobStore(redis, retention_seconds=settings.retention_seconds)
+        artifacts = ArtifactStore(settings.data_dir)
+        self._reaper = Reaper(store, queue, artifacts, settings)
+        self._retention = Retention(store, artifacts, settings)
+        self._retention_at = -math.inf
+        self._retention_every = settings.retention_round_seconds
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="housekeeping", daemon=True)
 
@@ -55,6 +58,9 @@ class Housekeeping:
         try:
             self._register.sign(self._name)
             self._reaper.look()
+            if time.monotonic() - self._retention_at > self._retention_every:
+                self._retention_at = time.monotonic()
+                self._retention.round()
         except RedisError as error:
             log.warning("housekeeping waits for Redis: %s", error)
         except Exception:

@@ -151,7 +151,11 @@ def cancel(
     "/jobs/{job_id}/retry",
     status_code=202,
     responses=problems(
-        "job.not_found", "job.expired", "options.invalid", "request.invalid", "queue.full",
+        "job.not_found",
+        "job.expired",
+        "options.invalid",
+        "request.invalid",
+        "queue.full",
         "storage.full",
     ),
 )
