@@ -116,8 +116,15 @@ def point_distances(points: NDArray[np.float64], mesh: Mesh) -> NDArray[np.float
     return _closest(points - origin, Mesh(mesh.vertices - origin, mesh.faces))[0]
 
 
-def points_to_surface(points: NDArray[np.float64], mesh: Mesh) -> SurfaceDistances:
-    """How far `points` (n, 3) lie from the triangles of `mesh`, in the input's units."""
+def points_to_surface(
+    points: NDArray[np.float64], mesh: Mesh, *, at_most: int = 500_000, seed: int = 0
+) -> SurfaceDistances:
+    """How far `points` (n, 3) lie from the triangles of `mesh`, in the input's units.
+
+    Of a larger cloud `at_most` points are drawn; `points` of the result says how many were measured.
+    """
+    if len(points) > at_most:
+        points = points[np.random.default_rng(seed).permutation(len(points))[:at_most]]
     distances = point_distances(points, mesh)
     median, p95 = np.percentile(distances, [50, 95])
     return SurfaceDistances(

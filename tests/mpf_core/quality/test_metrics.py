@@ -89,6 +89,7 @@ def test_points_to_surface_in_units_of_the_input() -> None:
     assert found.p95 == pytest.approx(0.95)
     assert found.max == pytest.approx(1.0)
     assert found.points == 101
+    assert points_to_surface(points, sheet, at_most=40).points == 40
 
 
 def test_a_mesh_without_area_is_refused() -> None:
