@@ -121,7 +121,7 @@ def points_to_surface(
 ) -> SurfaceDistances:
     """How far `points` (n, 3) lie from the triangles of `mesh`, in the input's units.
 
-    Of a larger cloud `at_most` points are drawn; `points` of the result says how many were measured.
+    Of a larger cloud `at_most` points are drawn; the result's `points` says how many were measured.
     """
     if len(points) > at_most:
         points = points[np.random.default_rng(seed).permutation(len(points))[:at_most]]
