@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from mpf_core.experiments.build import (
@@ -79,24 +81,25 @@ def leaf() -> Mesh:
     return Mesh(np.stack([x, y, wavy], axis=1), plain.faces)
 
 
+# Half the outline of a maple leaf about its middle: degrees from the tip, radius.
+_MAPLE = (
+    (0, 1.15), (7, 0.86), (15, 0.90), (20, 0.52), (30, 0.62), (37, 0.80), (47, 1.08), (54, 0.86),
+    (62, 0.92), (70, 0.60), (80, 0.64), (90, 0.70), (100, 0.90), (109, 0.64), (122, 0.62),
+    (134, 0.50), (150, 0.46), (168, 0.44), (180, 0.34),
+)  # fmt: skip
+
+
 def maple_leaf() -> Mesh:
-    """A leaf of five toothed lobes about the end of its stalk, gently cupped."""
-    angle = np.linspace(-np.pi, np.pi, 601)[:, None]
-    lobes = sum(
-        size * np.exp(-(((angle - at + np.pi) % (2 * np.pi) - np.pi) / width) ** 2)
-        for at, size, width in (
-            (0.0, 0.72, 0.27), (0.95, 0.60, 0.25), (-0.95, 0.60, 0.25),
-            (2.0, 0.36, 0.25), (-2.0, 0.36, 0.25),
-        )
-    )  # fmt: skip
-    teeth = 1 + 0.05 * np.abs((angle * 5.5 / np.pi) % 1 * 2 - 1)
-    notch = 1 - 0.75 * np.exp(-(((np.abs(angle) - np.pi) / 0.3) ** 2))
-    outline = (0.30 + lobes) * teeth * notch
-    share = np.linspace(0, 1, 60)
-    x, y = outline * share * np.cos(angle), outline * share * np.sin(angle)
-    ribs = 0.05 * share * np.cos(angle * 6.6) * np.exp(-share)
-    cup = 0.22 * (x - 0.2) ** 2 - 0.16 * y**2 + 0.05 * np.sin(4 * x + 3 * y)
-    return grid(np.stack([x, y, cup + ribs], axis=2))
+    """A leaf of pointed lobes, cupped and waving."""
+    degrees, radius = np.array(_MAPLE).T
+    half = np.stack([radius * np.cos(np.radians(degrees)), radius * np.sin(np.radians(degrees))], 1)
+    corners = np.concatenate([half[:-1], half[:0:-1] * [1, -1], half[:1]])
+    steps = np.linspace(0, 1, 14, endpoint=False)[:, None]
+    outline = np.concatenate([a + steps * (b - a) for a, b in itertools.pairwise(corners)])
+    share = np.linspace(0, 1, 60)[:, None, None]
+    x, y = np.moveaxis(share * outline, 2, 0)
+    cup = 0.10 * np.hypot(x, y) ** 2 - 0.12 * np.abs(y) + 0.05 * np.sin(5 * x + 2 * y)
+    return grid(np.stack([x, y, cup], axis=2).swapaxes(0, 1)[::-1], around=True)
 
 
 def dress() -> Mesh:

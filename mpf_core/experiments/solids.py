@@ -164,7 +164,7 @@ def potted_plant() -> Mesh:
         away = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn)), 0.0])
         foot, end = 0.06 * away + (0, 0, 0.57), reach * away + (0, 0, height)
         middle = 0.5 * (foot + end) - 0.18 * reach * away + (0, 0, 0.05)
-        stem = tube(curve([foot, middle, end], 24), np.linspace(0.016, 0.010, 24))
+        stem = tube(curve([foot, middle, end], 24), np.linspace(0.024, 0.015, 24))
         leaf = blade(length, width, bend=0.38, fold=0.30)
         green = _GREEN if k % 2 else _LIGHT_GREEN
         parts.append(painted(stem, _LIGHT_GREEN))
