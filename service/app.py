@@ -10,6 +10,7 @@ from fastapi import FastAPI
 
 from service import problem_handlers
 from service.artifacts.routes import router as artifacts
+from service.events.routes import router as events
 from service.jobs.routes import router as jobs
 from service.operations.routes import router as operations
 from service.responses import describe
@@ -26,6 +27,7 @@ def create_app(settings: Settings) -> FastAPI:
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         state.artifacts.prepare()
         yield
+        await state.hub.close()
         state.redis.close()
 
     app = FastAPI(
@@ -42,7 +44,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(
         problem_handlers.BodyLimit, limit=settings.body_bytes, unlimited=UPLOAD_PATHS
     )
-    for router in (jobs, artifacts, operations):
+    for router in (jobs, events, artifacts, operations):
         app.include_router(router)
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     return app

@@ -10,6 +10,8 @@ from redis import Redis
 
 from service.artifacts.store import ArtifactStore
 from service.connection import connect
+from service.events.hub import Hub
+from service.events.store import EventStore
 from service.jobs.commands import JobCommands
 from service.jobs.queue import JobQueue
 from service.jobs.store import JobStore
@@ -27,6 +29,8 @@ class State:
     redis: Redis
     artifacts: ArtifactStore
     store: JobStore
+    events: EventStore
+    hub: Hub
     jobs: JobCommands
     receiver: Receiver
     intake: Intake
@@ -45,6 +49,8 @@ def build_state(settings: Settings) -> State:
         redis=redis,
         artifacts=artifacts,
         store=store,
+        events=EventStore(redis),
+        hub=Hub(settings),
         jobs=commands,
         receiver=Receiver(artifacts, settings),
         intake=Intake(commands, artifacts, settings),

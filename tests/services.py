@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -14,6 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
+import httpx2
 import numpy as np
 import pytest
 from redis import Redis
@@ -142,6 +144,35 @@ def running_worker(
         yield process
     finally:
         stop(process)
+
+
+@contextlib.contextmanager
+def running_api(settings: Settings) -> Iterator[str]:
+    """An API process; its base URL."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen(512)
+        listener.set_inheritable(True)
+        url = f"http://127.0.0.1:{listener.getsockname()[1]}"
+        code = f"from service.cli import api; api(['--fd', '{listener.fileno()}'])"
+        process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            env=environment(settings),
+            pass_fds=(listener.fileno(),),
+            cwd=REPOSITORY,
+        )
+    try:
+        wait_for(lambda: _live(url), 30, "the API")
+        yield url
+    finally:
+        stop(process)
+
+
+def _live(url: str) -> bool:
+    try:
+        return httpx2.get(f"{url}/livez", timeout=1).status_code == 200
+    except httpx2.HTTPError:
+        return False
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from enum import StrEnum
 from typing import Annotated, Any
 
@@ -9,6 +10,7 @@ from anyio import to_thread
 from fastapi import APIRouter, Header, Path, Query, Request, Response
 
 from mpf_core.options import options_schema
+from service.access.caller import Caller
 from service.access.dependency import CallerDep
 from service.jobs.commands import Filter
 from service.jobs.model import Job, JobState
@@ -120,12 +122,22 @@ def list_jobs(
 
 
 @router.get("/jobs/{job_id}", responses=_FOUND)
-def show(job_id: JobId, response: Response, caller: CallerDep, state: StateDep) -> JobOut:
-    """The job as it stands."""
-    job = state.jobs.get(caller, job_id)
+async def show(
+    job_id: JobId,
+    response: Response,
+    caller: CallerDep,
+    state: StateDep,
+    wait: Annotated[
+        float, Query(ge=0, le=60, description="Answer when the state changes, or after this, s.")
+    ] = 0.0,
+) -> JobOut:
+    """The job as it stands, or as soon as its state is another."""
+    job = await to_thread.run_sync(state.jobs.get, caller, job_id)
+    if wait and not job.ended:
+        job = await _next_state(state, caller, job, wait)
     if not job.ended:
         response.headers["Retry-After"] = POLL_SECONDS
-    return job_out(job, state.jobs.position(job))
+    return job_out(job, await to_thread.run_sync(state.jobs.position, job))
 
 
 @router.delete("/jobs/{job_id}", status_code=204, responses=problems("job.not_found"))
@@ -170,6 +182,17 @@ def retry(
     wanted = changes or RetryIn()
     job = state.jobs.retry(caller, job_id, wanted.options, wanted.label)
     return _accepted(state, job, response)
+
+
+async def _next_state(state: State, caller: Caller, before: Job, seconds: float) -> Job:
+    deadline = time.monotonic() + seconds
+    with state.hub.watching(before.id) as watcher:
+        # Read after the watch has begun, so that no change falls between the two.
+        job = await to_thread.run_sync(state.jobs.get, caller, before.id)
+        while job.state is before.state and (left := deadline - time.monotonic()) > 0:
+            if await watcher.wait(left) and watcher.state != before.state:
+                job = await to_thread.run_sync(state.jobs.get, caller, before.id)
+        return job
 
 
 def _accepted(state: State, job: Job, response: Response) -> JobOut:

@@ -34,7 +34,7 @@ if KEYS[4] ~= '' then
   redis.call('HSET', KEYS[4], 'digest', ARGV[8], 'job', ARGV[1])
   redis.call('PEXPIRE', KEYS[4], ARGV[9])
 end
-redis.call('PUBLISH', ARGV[4], ARGV[1])
+redis.call('PUBLISH', ARGV[4], ARGV[1] .. ' queued')
 return {'ok', ARGV[1]}
 """
 
@@ -69,7 +69,7 @@ end
 if state == 'expired' then redis.call('ZREM', ARGV[10] .. 'ended', ARGV[1]) end
 if ARGV[8] ~= '' then
   redis.call('XADD', KEYS[2], 'MAXLEN', '~', ARGV[12], '*', 'event', ARGV[8], 'data', ARGV[9])
-  redis.call('PUBLISH', ARGV[11], ARGV[1])
+  redis.call('PUBLISH', ARGV[11], ARGV[1] .. ' ' .. state)
 end
 return {'ok', state, redis.call('HGET', KEYS[1], 'attempt'),
         redis.call('HGET', KEYS[1], 'cancel') or ''}
@@ -90,6 +90,6 @@ for _, state in ipairs({'queued', 'running', 'succeeded', 'failed', 'cancelled',
                         'ended'}) do redis.call('ZREM', ARGV[2] .. state, ARGV[1]) end
 redis.call('ZREM', KEYS[3], ARGV[1])
 redis.call('DEL', KEYS[1], KEYS[2])
-redis.call('PUBLISH', ARGV[3], ARGV[1])
+redis.call('PUBLISH', ARGV[3], ARGV[1] .. ' removed')
 return {'ok'}
 """
