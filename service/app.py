@@ -7,8 +7,11 @@ from contextlib import asynccontextmanager
 from importlib.metadata import version
 
 from fastapi import FastAPI
+from starlette.middleware.cors import CORSMiddleware
 
 from service import problem_handlers
+from service.access.guard import Guard
+from service.access.routes import router as shares
 from service.artifacts.routes import router as artifacts
 from service.events.routes import router as events
 from service.jobs.routes import router as jobs
@@ -44,7 +47,16 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(
         problem_handlers.BodyLimit, limit=settings.body_bytes, unlimited=UPLOAD_PATHS
     )
-    for router in (jobs, events, artifacts, operations):
+    app.add_middleware(Guard, settings=settings)
+    if settings.cors_origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=settings.cors_origins,
+            allow_methods=["GET", "POST", "PATCH", "DELETE", "HEAD"],
+            allow_headers=["Authorization", "Content-Type", "Idempotency-Key", "Last-Event-ID"],
+            expose_headers=["Location", "Retry-After", "ETag"],
+        )
+    for router in (jobs, events, artifacts, shares, operations):
         app.include_router(router)
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     return app

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 from pathlib import Path
 
 import click
@@ -40,7 +39,6 @@ def serve(host: str, port: int, data_dir: Path, workers: int, redis_url: str | N
     from service.serving import CannotServe, Plan
     from service.serving import serve as run
 
-    require_loopback(host)
     try:
         run(Plan(host, port, data_dir, workers, redis_url))
     except (CannotServe, NoServer, UnsafeRedis) as error:
@@ -58,15 +56,17 @@ def api(host: str, port: int, fd: int | None) -> None:
     from service.app import create_app
     from service.connection import RedisError, UnsafeRedis, connect, require_noeviction
     from service.logs import configure_logging
+    from service.serving import CannotServe, is_loopback, require_a_key
     from service.settings import Settings
 
-    if fd is None:
-        require_loopback(host)
     settings = Settings()
     configure_logging()
     try:
         require_noeviction(connect(settings))
-    except UnsafeRedis as error:
+        if fd is None and not is_loopback(host):
+            settings = settings.model_copy(update={"require_keys": True})
+            require_a_key(host, settings)
+    except (CannotServe, UnsafeRedis) as error:
         raise click.ClickException(str(error)) from error
     except RedisError:
         pass  # Redis may come later; until then the API answers 503
@@ -79,17 +79,3 @@ def api(host: str, port: int, fd: int | None) -> None:
         server_header=False,
         timeout_graceful_shutdown=5,
     )
-
-
-def require_loopback(host: str) -> None:
-    """Without API keys only this machine may reach the service."""
-    try:
-        loopback = ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        loopback = host == "localhost"
-    if not loopback:
-        raise click.ClickException(
-            f"{host} can be reached from other machines, and there are no API keys: anybody could "
-            "run jobs and read results. Listen on 127.0.0.1 and put a proxy that authenticates in "
-            "front."
-        )

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+from redis import Redis
+from redis.exceptions import RedisError
+
 # Longest path of a unix socket that every kernel takes, bytes.
 SOCKET_PATH_BYTES = 100
 
@@ -35,9 +38,26 @@ def embedded_valkey(data_dir: Path) -> EmbeddedValkey:
     binary = find_binary()
     password = _password(folder / "password")
     lines, url = _address(folder, password)
+    _write_private(folder / "url", url)
     configuration = folder / "valkey.conf"
     _write_private(configuration, "\n".join([*lines, *_durable(folder, password)]) + "\n")
     return EmbeddedValkey((str(binary), str(configuration)), url, folder)
+
+
+def running_url(data_dir: Path) -> str | None:
+    """The URL of the server of this folder, if one is running."""
+    try:
+        url = (data_dir / "valkey" / "url").read_text()
+    except FileNotFoundError:
+        return None
+    redis = Redis.from_url(url, socket_connect_timeout=1.0, socket_timeout=5.0)
+    try:
+        redis.ping()
+    except RedisError:
+        return None
+    finally:
+        redis.close()
+    return url
 
 
 def find_binary() -> Path:

@@ -39,6 +39,8 @@ def respond(
     if problem.retry_after is not None:
         extra["Retry-After"] = str(problem.retry_after)
     body = problem.as_dict(instance)
+    if body["status"] == 401:
+        extra["WWW-Authenticate"] = "Bearer"
     return JSONResponse(body, body["status"], headers=extra, media_type=MEDIA_TYPE)
 
 

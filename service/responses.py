@@ -15,7 +15,10 @@ from service.problems import MEDIA_TYPE, catalogue
 _PROBLEM = {"$ref": "#/components/schemas/ProblemOut"}
 
 # What any endpoint may answer, whatever it does.
-_EVERYWHERE = ("request.too_large", "service.unavailable", "internal")
+_EVERYWHERE = (
+    "access.denied", "access.host", "access.origin", "rate.exceeded", "request.too_large",
+    "service.unavailable", "internal",
+)  # fmt: skip
 
 
 def problems(*codes: str) -> dict[int | str, dict[str, Any]]:

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import fcntl
+import ipaddress
 import logging
 import os
 import socket
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
 from redis.exceptions import RedisError
 
+from service.access.store import KeyStore
 from service.connection import connect, require_noeviction
-from service.embedded import embedded_valkey
+from service.embedded import embedded_valkey, running_url
 from service.logs import configure_logging
 from service.settings import Settings
 from service.supervisor import Child, Supervisor
@@ -54,6 +58,7 @@ def serve(plan: Plan) -> None:
         supervisor.listen()
         try:
             environment = _start_redis(plan, supervisor)
+            _require_keys_beyond_loopback(plan, environment, supervisor)
             supervisor.add(_api(listener, environment), *_workers(plan, environment))
             _announce(listener, supervisor)
             supervisor.run()
@@ -76,6 +81,59 @@ def _start_redis(plan: Plan, supervisor: Supervisor) -> dict[str, str]:
         "MPF_DATA_DIR": str(plan.data_dir.resolve()),
         "MPF_WORKERS": str(plan.workers),
     }
+
+
+def _require_keys_beyond_loopback(
+    plan: Plan, environment: dict[str, str], supervisor: Supervisor
+) -> None:
+    if is_loopback(plan.host) or supervisor.stopping:
+        return
+    require_a_key(plan.host, Settings(redis_url=environment["MPF_REDIS_URL"]))
+    environment["MPF_REQUIRE_KEYS"] = "1"
+
+
+def require_a_key(host: str, settings: Settings) -> None:
+    """Refuse to be reachable from elsewhere while there are no keys to ask for."""
+    redis = connect(settings)
+    try:
+        if not KeyStore(redis).any_valid():
+            raise CannotServe(
+                f"{host} can be reached from other machines, and there are no API keys: anybody "
+                "could run jobs and read results. Make one with `mpf keys create NAME`, or listen "
+                "on 127.0.0.1."
+            )
+    finally:
+        redis.close()
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach `host`."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+@contextmanager
+def embedded_running(data_dir: Path, redis_url: str | None) -> Iterator[str]:
+    """The URL of the Redis that belongs to `data_dir`, started for the while if it is not there."""
+    if redis_url is not None:
+        yield redis_url
+        return
+    running = running_url(data_dir)
+    if running is not None:
+        yield running
+        return
+    data_dir.mkdir(parents=True, exist_ok=True)
+    with _exclusive(data_dir):
+        supervisor = Supervisor()
+        valkey = embedded_valkey(data_dir)
+        supervisor.add(Child("valkey", valkey.command, stop_seconds=20.0))
+        try:
+            _wait_for_redis(Settings(redis_url=valkey.url), supervisor)
+            yield valkey.url
+        finally:
+            supervisor.stop()
 
 
 def _wait_for_redis(settings: Settings, supervisor: Supervisor) -> None:

@@ -46,6 +46,24 @@ class Settings(BaseSettings):
         default=1000, ge=1, description="Queued jobs above which POST answers 503."
     )
 
+    # Who may ask
+    require_keys: bool = Field(
+        default=False, description="Ask every caller for an API key; set beyond loopback."
+    )
+    allowed_hosts: tuple[str, ...] = Field(
+        default=(), description="Names under which the service may be reached without keys."
+    )
+    cors_origins: tuple[str, ...] = Field(
+        default=(), description="Origins whose pages may use the service from a browser."
+    )
+    requests_per_minute: int = Field(
+        default=0, ge=0, description="Requests of one caller per minute; 0: no limit."
+    )
+    requests_burst: int = Field(default=60, ge=1, description="Of these, at once.")
+    jobs_per_owner: int = Field(
+        default=0, ge=0, description="Queued and running jobs of one caller; 0: no limit."
+    )
+
     # How a job runs
     threads: int | None = Field(
         default=None, ge=1, description="CPU threads of one fit; cores // workers if not given."

@@ -8,6 +8,7 @@ from typing import Annotated
 from fastapi import Depends, Request
 from redis import Redis
 
+from service.access.store import KeyStore, RateLimit, ShareStore
 from service.artifacts.store import ArtifactStore
 from service.connection import connect
 from service.events.hub import Hub
@@ -35,6 +36,9 @@ class State:
     receiver: Receiver
     intake: Intake
     health: Health
+    keys: KeyStore
+    shares: ShareStore
+    rates: RateLimit
 
 
 def build_state(settings: Settings) -> State:
@@ -55,6 +59,9 @@ def build_state(settings: Settings) -> State:
         receiver=Receiver(artifacts, settings),
         intake=Intake(commands, artifacts, settings),
         health=Health(redis, artifacts),
+        keys=KeyStore(redis),
+        shares=ShareStore(redis),
+        rates=RateLimit(redis, settings.requests_per_minute, settings.requests_burst),
     )
 
 

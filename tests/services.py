@@ -127,7 +127,7 @@ def redis(settings: Settings) -> Iterator[Redis]:
 def environment(settings: Settings) -> dict[str, str]:
     """The environment that makes a process see these settings."""
     told = {
-        f"MPF_{name.upper()}": str(value)
+        f"MPF_{name.upper()}": json.dumps(value) if isinstance(value, tuple) else str(value)
         for name, value in settings.model_dump().items()
         if value is not None
     }

@@ -60,19 +60,19 @@ BY_SUFFIX: dict[str, type[FileResponse]] = {".glb": Glb, ".ply": Ply, ".json": J
 @router.get("/jobs/{job_id}/mesh.glb", response_class=Glb, responses=_PROBLEMS)
 def mesh_glb(job_id: JobId, caller: CallerDep, state: StateDep) -> FileResponse:
     """The mesh as binary glTF."""
-    return _file(state, caller, job_id, "mesh.glb")
+    return file_response(state, caller, job_id, "mesh.glb")
 
 
 @router.get("/jobs/{job_id}/mesh.ply", response_class=Ply, responses=_PROBLEMS)
 def mesh_ply(job_id: JobId, caller: CallerDep, state: StateDep) -> FileResponse:
     """The mesh as binary PLY, in the input's coordinates."""
-    return _file(state, caller, job_id, "mesh.ply")
+    return file_response(state, caller, job_id, "mesh.ply")
 
 
 @router.get("/jobs/{job_id}/report.json", response_class=Json, responses=_PROBLEMS)
 def report(job_id: JobId, caller: CallerDep, state: StateDep) -> FileResponse:
     """Options, timings, losses, distances, topology."""
-    return _file(state, caller, job_id, "report.json")
+    return file_response(state, caller, job_id, "report.json")
 
 
 @router.get(
@@ -88,10 +88,11 @@ def slice_png(
     state: StateDep,
 ) -> FileResponse:
     """One φ slice as a picture."""
-    return _file(state, caller, job_id, f"slices/{axis}/{index}.png")
+    return file_response(state, caller, job_id, f"slices/{axis}/{index}.png")
 
 
-def _file(state: State, caller: Caller, job_id: str, name: str) -> FileResponse:
+def file_response(state: State, caller: Caller, job_id: str, name: str) -> FileResponse:
+    """A published file of the job, with what caches need to know."""
     job = state.jobs.artifact_of(caller, job_id, name)
     try:
         path = state.artifacts.result(job.id, job.result_attempt, name)

@@ -162,7 +162,9 @@ class JobCommands:
         The input must be in the store. Answers the job that was accepted before if this very
         request was.
         """
-        creation = Creation(self._settings.queue_length, idempotency_key, digest)
+        creation = Creation(
+            self._settings.queue_length, self._settings.jobs_per_owner, idempotency_key, digest
+        )
         try:
             with self._redis.pipeline(transaction=True) as pipeline:
                 pipeline.multi()
@@ -189,6 +191,11 @@ class JobCommands:
                 where="Idempotency-Key",
                 advice="Use a new key for a new request.",
             )
+        if refusal.reason == "quota":
+            raise Problem(
+                "quota.jobs", f"{self._settings.jobs_per_owner} of your jobs have not ended",
+                advice="Wait for one of them, or cancel one.", retry_after=30,
+            )  # fmt: skip
         raise _full()
 
 

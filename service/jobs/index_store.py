@@ -25,6 +25,14 @@ def owner_key(owner: str) -> str:
     return f"mpf:jobs:of:{owner}"
 
 
+LIVE_PREFIX = "mpf:jobs:live:"
+
+
+def live_key(owner: str) -> str:
+    """The jobs of one owner that have not ended."""
+    return LIVE_PREFIX + owner
+
+
 def idempotency_key(owner: str, key: str) -> str:
     """What an owner's Idempotency-Key stands for."""
     return f"mpf:idempotency:{owner}:{key}"

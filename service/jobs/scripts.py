@@ -6,9 +6,9 @@ write the fields, move the id between the per-state indexes, append an event, wa
 
 from __future__ import annotations
 
-# KEYS[3] owner's index, KEYS[4] the owner's idempotency key ("": none)
+# KEYS[3] owner's index, KEYS[4] the owner's idempotency key ("": none), KEYS[5] owner's live jobs
 # ARGV: id, fields (JSON object), index prefix, feed channel, events kept, queue cap (0: none),
-#       retention ms, digest of the request, idempotency ms
+#       retention ms, digest of the request, idempotency ms, live jobs of an owner (0: no cap)
 CREATE = """
 if redis.call('EXISTS', KEYS[1]) == 1 then return {'exists'} end
 if KEYS[4] ~= '' then
@@ -20,6 +20,8 @@ if KEYS[4] ~= '' then
 end
 local cap = tonumber(ARGV[6])
 if cap > 0 and redis.call('ZCARD', ARGV[3] .. 'queued') >= cap then return {'full'} end
+local most = tonumber(ARGV[10])
+if most > 0 and redis.call('ZCARD', KEYS[5]) >= most then return {'quota'} end
 local t = redis.call('TIME')
 local ms = t[1] * 1000 + math.floor(t[2] / 1000)
 local now = string.format('%d', ms)
@@ -28,6 +30,7 @@ redis.call('HSET', KEYS[1], 'created_at', now, 'updated_at', now, 'queued_at', n
            'expires_at', string.format('%d', ms + tonumber(ARGV[7])))
 redis.call('ZADD', ARGV[3] .. 'queued', now, ARGV[1])
 redis.call('ZADD', KEYS[3], now, ARGV[1])
+redis.call('ZADD', KEYS[5], now, ARGV[1])
 redis.call('XADD', KEYS[2], 'MAXLEN', '~', ARGV[5], '*', 'event', 'state', 'data',
            '{"state": "queued"}')
 if KEYS[4] ~= '' then
@@ -40,7 +43,8 @@ return {'ok', ARGV[1]}
 
 # ARGV: id, expected fields (JSON), states it may be in (",a,b,"), new state ("": stays),
 #       fields (JSON), stamp field ("": none), 1 if the attempt number grows, event name ("": none),
-#       event data, index prefix, feed channel, events kept, retention ms (0: not an end)
+#       event data, index prefix, feed channel, events kept, retention ms (0: not an end),
+#       prefix of the owners' live jobs
 CHANGE = """
 local state = redis.call('HGET', KEYS[1], 'state')
 if not state then return {'missing'} end
@@ -65,6 +69,7 @@ if ARGV[13] ~= '0' then
   local expiry = string.format('%d', ms + tonumber(ARGV[13]))
   redis.call('HSET', KEYS[1], 'expires_at', expiry)
   redis.call('ZADD', ARGV[10] .. 'ended', expiry, ARGV[1])
+  redis.call('ZREM', ARGV[14] .. (redis.call('HGET', KEYS[1], 'owner') or ''), ARGV[1])
 end
 if state == 'expired' then redis.call('ZREM', ARGV[10] .. 'ended', ARGV[1]) end
 if ARGV[8] ~= '' then
@@ -83,12 +88,13 @@ redis.call('HINCRBY', KEYS[1], 'beats', 1)
 return {'ok', redis.call('HGET', KEYS[1], 'cancel') or ''}
 """
 
-# KEYS[3] owner's index; ARGV: id, index prefix, feed channel
+# KEYS[3] owner's index, KEYS[4] owner's live jobs; ARGV: id, index prefix, feed channel
 REMOVE = """
 if redis.call('EXISTS', KEYS[1]) == 0 then return {'missing'} end
 for _, state in ipairs({'queued', 'running', 'succeeded', 'failed', 'cancelled', 'expired',
                         'ended'}) do redis.call('ZREM', ARGV[2] .. state, ARGV[1]) end
 redis.call('ZREM', KEYS[3], ARGV[1])
+redis.call('ZREM', KEYS[4], ARGV[1])
 redis.call('DEL', KEYS[1], KEYS[2])
 redis.call('PUBLISH', ARGV[3], ARGV[1] .. ' removed')
 return {'ok'}

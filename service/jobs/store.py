@@ -17,8 +17,10 @@ from redis.client import Pipeline
 from service.events.store import EVENTS_KEPT, FEED_CHANNEL, stream_key
 from service.jobs.index_store import (
     INDEX_PREFIX,
+    LIVE_PREFIX,
     JobIndex,
     idempotency_key,
+    live_key,
     owner_key,
     record_key,
     text_of,
@@ -44,10 +46,12 @@ class Creation:
     """How a new record is to be written.
 
     queue_cap: queued jobs above which it is refused; 0: none
+    owner_cap: jobs of its owner that have not ended, above which it is refused; 0: none
     idempotency_key, digest: the caller's word for this request, and what it stood for
     """
 
     queue_cap: int = 0
+    owner_cap: int = 0
     idempotency_key: str = ""
     digest: str = ""
 
@@ -84,10 +88,11 @@ class JobStore(JobIndex):
         name = creation.idempotency_key
         remembered = idempotency_key(job.owner, name) if name else ""
         self._create(
-            keys=[record_key(job.id), stream_key(job.id), owner_key(job.owner), remembered],
+            keys=[record_key(job.id), stream_key(job.id), owner_key(job.owner), remembered,
+                  live_key(job.owner)],
             args=[job.id, _fields(given), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT,
                   creation.queue_cap, self._retention_ms, creation.digest,
-                  IDEMPOTENCY_SECONDS * 1000],
+                  IDEMPOTENCY_SECONDS * 1000, creation.owner_cap],
             client=pipeline,
         )  # fmt: skip
 
@@ -184,7 +189,12 @@ class JobStore(JobIndex):
     def remove(self, job: Job) -> bool:
         """Forget the job altogether. Says whether there was one."""
         reply = self._remove(
-            keys=[record_key(job.id), stream_key(job.id), owner_key(job.owner)],
+            keys=[
+                record_key(job.id),
+                stream_key(job.id),
+                owner_key(job.owner),
+                live_key(job.owner),
+            ],
             args=[job.id, INDEX_PREFIX, FEED_CHANNEL],
         )
         return text_of(reply[0]) == "ok"
@@ -222,7 +232,7 @@ class JobStore(JobIndex):
             job_id, json.dumps(expect), f",{','.join(sorted(sources))},", target or "",
             _fields(fields), _STAMPS.get(target, "") if target else "", int(next_attempt), event,
             json.dumps(data or {}, allow_nan=False), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT,
-            self._retention_ms if target in RESULTS else 0,
+            self._retention_ms if target in RESULTS else 0, LIVE_PREFIX,
         ]  # fmt: skip
         reply = self._change(keys=[record_key(job_id), stream_key(job_id)], args=args)
         verdict, *rest = [text_of(part) for part in reply]

@@ -19,7 +19,9 @@ from tests.services import Server, form, settings_for, sphere_xyz
 
 @pytest.fixture
 def client(settings: Settings) -> Iterator[TestClient]:
-    with TestClient(create_app(settings), raise_server_exceptions=False) as made:
+    with TestClient(
+        create_app(settings), raise_server_exceptions=False, base_url="http://localhost"
+    ) as made:
         yield made
 
 
@@ -106,7 +108,7 @@ def test_what_is_not_there(client: TestClient) -> None:
 
 def test_bodies_have_a_limit(shared_server: Server, tmp_path: Path) -> None:
     small = settings_for(shared_server, tmp_path, upload_bytes=200_000, body_bytes=1000)
-    with TestClient(create_app(small)) as client:
+    with TestClient(create_app(small), base_url="http://localhost") as client:
         problem(client.post("/jobs", **form(bytes(900_000))), 413, "request.too_large")
 
         def endless() -> Iterator[bytes]:
@@ -125,14 +127,14 @@ def test_bodies_have_a_limit(shared_server: Server, tmp_path: Path) -> None:
 
 def test_a_full_queue_and_an_absent_redis(shared_server: Server, tmp_path: Path) -> None:
     full = settings_for(shared_server, tmp_path, queue_length=1)
-    with TestClient(create_app(full)) as client:
+    with TestClient(create_app(full), base_url="http://localhost") as client:
         client.app.state.mpf.redis.flushall()  # type: ignore[attr-defined]
         assert client.post("/jobs", **form()).status_code == 202
         answer = client.post("/jobs", **form())
         problem(answer, 503, "queue.full")
         assert int(answer.headers["retry-after"]) > 0
     away = Settings(redis_url="redis://127.0.0.1:1/0", data_dir=tmp_path / "away")
-    with TestClient(create_app(away)) as client:
+    with TestClient(create_app(away), base_url="http://localhost") as client:
         problem(client.post("/jobs", **form()), 503, "service.unavailable")
         problem(client.get("/jobs/" + "0" * 32), 503, "service.unavailable")
         ready = client.get("/readyz")

@@ -19,7 +19,7 @@ from tests.services import form, running_worker, wait_for
 
 @pytest.fixture
 def client(settings: Settings) -> Iterator[TestClient]:
-    with TestClient(create_app(settings)) as made:
+    with TestClient(create_app(settings), base_url="http://localhost") as made:
         yield made
 
 
