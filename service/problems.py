@@ -29,6 +29,7 @@ SERVICE_KINDS: dict[str, Kind] = {
     "request.invalid": Kind(422, "The request does not fit the contract"),
     "request.malformed": Kind(400, "The request cannot be read"),
     "request.too_large": Kind(413, "The request is too large"),
+    "request.range": Kind(416, "The file has no such range"),
     "request.media_type": Kind(415, "The media type is not supported"),
     "access.denied": Kind(401, "An API key is needed"),
     "access.host": Kind(421, "The request is for another host"),

@@ -17,6 +17,8 @@ from service.jobs.commands import JobCommands
 from service.jobs.queue import JobQueue
 from service.jobs.store import JobStore
 from service.operations.health import Health
+from service.operations.metrics import Metrics
+from service.operations.store import WorkerRegister
 from service.settings import Settings
 from service.uploads.intake import Intake
 from service.uploads.receive import Receiver
@@ -36,6 +38,7 @@ class State:
     receiver: Receiver
     intake: Intake
     health: Health
+    metrics: Metrics
     keys: KeyStore
     shares: ShareStore
     rates: RateLimit
@@ -59,6 +62,7 @@ def build_state(settings: Settings) -> State:
         receiver=Receiver(artifacts, settings),
         intake=Intake(commands, artifacts, settings),
         health=Health(redis, artifacts),
+        metrics=Metrics(store, WorkerRegister(redis), artifacts),
         keys=KeyStore(redis),
         shares=ShareStore(redis),
         rates=RateLimit(redis, settings.requests_per_minute, settings.requests_burst),

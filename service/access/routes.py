@@ -5,8 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Path
-from fastapi.responses import FileResponse
+from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.caller import Caller
@@ -82,10 +81,10 @@ def shared_job(token: Token, state: StateDep) -> JobOut:
         "share.not_found", "artifact.not_found", "job.not_ready", "job.no_result", "job.expired"
     ),
 )
-def shared_file(token: Token, name: str, state: StateDep) -> FileResponse:
+def shared_file(token: Token, name: str, request: Request, state: StateDep) -> Response:
     """A file of the job that was shared."""
     job = _shared(state, token)
-    return file_response(state, Caller(job.owner), job.id, name)
+    return file_response(state, Caller(job.owner), job.id, name, request)
 
 
 def _shared(state: State, token: str) -> Job:

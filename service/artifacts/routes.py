@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from enum import StrEnum
 from typing import Annotated
 
-from fastapi import APIRouter, Path
-from fastapi.responses import FileResponse
+from fastapi import APIRouter, Path, Request, Response
+from fastapi.responses import FileResponse, StreamingResponse
+from starlette.datastructures import Headers
+from starlette.types import Message, Receive, Scope, Send
 
 from service.access.caller import Caller
 from service.access.dependency import CallerDep
+from service.artifacts.archive import zip_of
 from service.jobs.routes import JobId
+from service.problem_handlers import respond
 from service.problems import Problem
 from service.responses import problems
 from service.state import State, StateDep
@@ -18,7 +23,12 @@ from service.state import State, StateDep
 router = APIRouter(tags=["artefacts"])
 
 _PROBLEMS = problems(
-    "job.not_found", "job.expired", "artifact.not_found", "job.not_ready", "job.no_result"
+    "job.not_found",
+    "job.expired",
+    "artifact.not_found",
+    "job.not_ready",
+    "job.no_result",
+    "request.range",
 )
 
 
@@ -30,49 +40,75 @@ class Axis(StrEnum):
     Z = "z"
 
 
-class Ply(FileResponse):
+class Published(FileResponse):
+    """A file; a bad Range is answered as a problem, like everything else."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        refused: list[Message] = []
+
+        async def watched(message: Message) -> None:
+            if message["type"] == "http.response.start" and message["status"] in (400, 416):
+                refused.append(message)
+            elif not refused:
+                await send(message)
+
+        await super().__call__(scope, receive, watched)
+        if refused:
+            size = Headers(raw=refused[0]["headers"]).get("content-range")
+            problem = Problem("request.range", "the file has no such range", where="Range")
+            headers = {"Content-Range": size} if size else {}
+            await respond(problem, Request(scope), headers)(scope, receive, send)
+
+
+class Ply(Published):
     """PLY has no registered type."""
 
     media_type = "application/octet-stream"
 
 
-class Glb(FileResponse):
+class Glb(Published):
     """Binary glTF."""
 
     media_type = "model/gltf-binary"
 
 
-class Json(FileResponse):
+class Json(Published):
     """A JSON document."""
 
     media_type = "application/json"
 
 
-class Png(FileResponse):
+class Png(Published):
     """A picture."""
 
     media_type = "image/png"
 
 
-BY_SUFFIX: dict[str, type[FileResponse]] = {".glb": Glb, ".ply": Ply, ".json": Json, ".png": Png}
+class Zip(StreamingResponse):
+    """An archive of all."""
+
+    media_type = "application/zip"
+
+
+BY_SUFFIX: dict[str, type[Published]] = {".glb": Glb, ".ply": Ply, ".json": Json, ".png": Png}
 
 
 @router.get("/jobs/{job_id}/mesh.glb", response_class=Glb, responses=_PROBLEMS)
-def mesh_glb(job_id: JobId, caller: CallerDep, state: StateDep) -> FileResponse:
+def mesh_glb(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
     """The mesh as binary glTF."""
-    return file_response(state, caller, job_id, "mesh.glb")
+    return file_response(state, caller, job_id, "mesh.glb", request)
 
 
 @router.get("/jobs/{job_id}/mesh.ply", response_class=Ply, responses=_PROBLEMS)
-def mesh_ply(job_id: JobId, caller: CallerDep, state: StateDep) -> FileResponse:
+def mesh_ply(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
     """The mesh as binary PLY, in the input's coordinates."""
-    return file_response(state, caller, job_id, "mesh.ply")
+    return file_response(state, caller, job_id, "mesh.ply", request)
 
 
 @router.get("/jobs/{job_id}/report.json", response_class=Json, responses=_PROBLEMS)
-def report(job_id: JobId, caller: CallerDep, state: StateDep) -> FileResponse:
+def report(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
     """Options, timings, losses, distances, topology."""
-    return file_response(state, caller, job_id, "report.json")
+    return file_response(state, caller, job_id, "report.json", request)
 
 
 @router.get(
@@ -84,24 +120,47 @@ def slice_png(
     job_id: JobId,
     axis: Axis,
     index: Annotated[int, Path(ge=0, le=9999, description="From 0, along the axis.")],
+    request: Request,
     caller: CallerDep,
     state: StateDep,
-) -> FileResponse:
+) -> Response:
     """One φ slice as a picture."""
-    return file_response(state, caller, job_id, f"slices/{axis}/{index}.png")
+    return file_response(state, caller, job_id, f"slices/{axis}/{index}.png", request)
 
 
-def file_response(state: State, caller: Caller, job_id: str, name: str) -> FileResponse:
+@router.get("/jobs/{job_id}/result.zip", response_class=Zip, responses=_PROBLEMS)
+def result_zip(job_id: JobId, caller: CallerDep, state: StateDep) -> Zip:
+    """All files of the result in one archive."""
+    job = state.jobs.result_of(caller, job_id)
+    files = {
+        name: state.artifacts.result(job.id, job.result_attempt, name) for name in job.artifacts
+    }
+    name = f'attachment; filename="{job_id[:8]}.zip"'
+    return Zip(zip_of(files), headers={"Content-Disposition": name, "Cache-Control": "private"})
+
+
+def file_response(
+    state: State, caller: Caller, job_id: str, name: str, request: Request
+) -> Response:
     """A published file of the job, with what caches need to know."""
     job = state.jobs.artifact_of(caller, job_id, name)
+    sha256 = job.artifacts[name].sha256
+    tag = f'"{sha256}"'
+    headers = {
+        # A published file never changes, so clients may keep it.
+        "Cache-Control": "private, max-age=31536000, immutable",
+        "ETag": tag,
+        "Repr-Digest": f"sha-256=:{b64encode(bytes.fromhex(sha256)).decode()}:",
+    }
+    if tag in request.headers.get("if-none-match", ""):
+        return Response(status_code=304, headers=headers)
     try:
         path = state.artifacts.result(job.id, job.result_attempt, name)
     except FileNotFoundError as error:
         raise Problem("artifact.not_found", f"job {job_id} has lost its {name}") from error
-    # A published file never changes, so clients may keep it.
     return BY_SUFFIX.get(path.suffix, Ply)(
         path,
-        headers={"Cache-Control": "private, max-age=31536000, immutable"},
+        headers=headers,
         filename=f"{job_id[:8]}-{name.replace('/', '-')}",
         content_disposition_type="inline",
     )

@@ -91,11 +91,16 @@ class JobCommands:
                 return Page(tuple(found), None)
         return Page(tuple(found), Place(last.created_at, last.id) if last else None)
 
-    def artifact_of(self, caller: Caller, job_id: str, name: str) -> Job:
-        """The job that has published a file of this name; raises Problem if it has none."""
+    def result_of(self, caller: Caller, job_id: str) -> Job:
+        """The job, if it has a result; raises Problem if it has none."""
         job = self.get(caller, job_id)
         if not job.result_attempt:
             raise no_result(job)
+        return job
+
+    def artifact_of(self, caller: Caller, job_id: str, name: str) -> Job:
+        """The job that has published a file of this name; raises Problem if it has none."""
+        job = self.result_of(caller, job_id)
         if name not in job.artifacts:
             raise Problem("artifact.not_found", f"job {job_id} has no {name}")
         return job

@@ -15,6 +15,10 @@ ENDED_INDEX = INDEX_PREFIX + "ended"
 """Ended jobs by the time at which they expire."""
 
 
+COUNTS_KEY = "mpf:counts"
+"""Ended jobs by state and code, and the time they ran, since this Redis was first used."""
+
+
 def record_key(job_id: str) -> str:
     """The hash that holds a job's record."""
     return f"mpf:job:{job_id}"
@@ -101,6 +105,15 @@ class JobIndex:
             if len(found) < batch:
                 return
             offset += batch
+
+    def counts(self) -> dict[str, int]:
+        """`COUNTS_KEY` as it stands: "state code" → jobs, and "run_milliseconds"."""
+        found = self._redis.hgetall(COUNTS_KEY)
+        return {text_of(name): int(value) for name, value in found.items()}
+
+    def running(self) -> list[Job]:
+        """The jobs that run now."""
+        return list(self._many(self.in_state(JobState.RUNNING)))
 
     def now(self) -> float:
         """The clock of Redis, s since 1970."""

@@ -46,6 +46,20 @@ POLL_SECONDS = "2"
 _INPUT_CODES = tuple(code for code, kind in catalogue().items() if kind.status in (413, 422))
 
 _UPLOAD_BODY: dict[str, Any] = {
+    "parameters": [
+        {
+            "name": name,
+            "in": "query",
+            "required": False,
+            "schema": {"type": "string"},
+            "description": f"With a bare body: {about}.",
+        }
+        for name, about in (
+            ("name", "the file's name"),
+            ("options", "as in the form, JSON"),
+            ("label", "a word"),
+        )
+    ],
     "requestBody": {
         "required": True,
         "content": {
@@ -64,9 +78,10 @@ _UPLOAD_BODY: dict[str, Any] = {
                     },
                 },
                 "encoding": {"options": {"contentType": "application/json"}},
-            }
+            },
+            "application/octet-stream": {"schema": {"type": "string"}},
         },
-    }
+    },
 }
 
 
@@ -99,7 +114,7 @@ async def submit(
     idempotency_key: IdempotencyKey = "",
 ) -> JobOut:
     """Take a cloud in and queue its reconstruction."""
-    submission = await state.receiver.form(request)
+    submission = await state.receiver.submission(request)
     job = await to_thread.run_sync(state.intake.submit, caller, submission, idempotency_key)
     return await to_thread.run_sync(_accepted, state, job, response)
 

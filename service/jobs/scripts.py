@@ -44,7 +44,7 @@ return {'ok', ARGV[1]}
 # ARGV: id, expected fields (JSON), states it may be in (",a,b,"), new state ("": stays),
 #       fields (JSON), stamp field ("": none), 1 if the attempt number grows, event name ("": none),
 #       event data, index prefix, feed channel, events kept, retention ms (0: not an end),
-#       prefix of the owners' live jobs
+#       prefix of the owners' live jobs, key of the counts
 CHANGE = """
 local state = redis.call('HGET', KEYS[1], 'state')
 if not state then return {'missing'} end
@@ -69,6 +69,11 @@ if ARGV[13] ~= '0' then
   local expiry = string.format('%d', ms + tonumber(ARGV[13]))
   redis.call('HSET', KEYS[1], 'expires_at', expiry)
   redis.call('ZADD', ARGV[10] .. 'ended', expiry, ARGV[1])
+  local problem = cjson.decode(ARGV[5])['problem']
+  local code = problem and cjson.decode(problem)['code'] or ''
+  redis.call('HINCRBY', ARGV[15], ARGV[4] .. ' ' .. code, 1)
+  local started = redis.call('HGET', KEYS[1], 'started_at')
+  if started then redis.call('HINCRBY', ARGV[15], 'run_milliseconds', ms - tonumber(started)) end
   redis.call('ZREM', ARGV[14] .. (redis.call('HGET', KEYS[1], 'owner') or ''), ARGV[1])
 end
 if state == 'expired' then redis.call('ZREM', ARGV[10] .. 'ended', ARGV[1]) end

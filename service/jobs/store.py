@@ -16,6 +16,7 @@ from redis.client import Pipeline
 
 from service.events.store import EVENTS_KEPT, FEED_CHANNEL, stream_key
 from service.jobs.index_store import (
+    COUNTS_KEY,
     INDEX_PREFIX,
     LIVE_PREFIX,
     JobIndex,
@@ -233,6 +234,7 @@ class JobStore(JobIndex):
             _fields(fields), _STAMPS.get(target, "") if target else "", int(next_attempt), event,
             json.dumps(data or {}, allow_nan=False), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT,
             self._retention_ms if target in RESULTS else 0, LIVE_PREFIX,
+            COUNTS_KEY,
         ]  # fmt: skip
         reply = self._change(keys=[record_key(job_id), stream_key(job_id)], args=args)
         verdict, *rest = [text_of(part) for part in reply]

@@ -1,10 +1,16 @@
-"""GET /livez and GET /readyz."""
+"""Health, metrics and capabilities."""
 
 from __future__ import annotations
 
 from fastapi import APIRouter, Response
+from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel, Field
 
+from service.access.dependency import CallerDep
+from service.operations.capabilities import Capabilities
+from service.operations.capabilities import capabilities as capabilities_of
+from service.operations.metrics import MEDIA_TYPE
+from service.responses import problems
 from service.state import StateDep
 
 router = APIRouter(tags=["operations"])
@@ -39,3 +45,15 @@ def readyz(state: StateDep, response: Response) -> Ready:
     return Ready(
         status=found.status, redis=found.redis, storage=found.storage, workers=found.workers
     )
+
+
+@router.get("/metrics", response_class=PlainTextResponse, responses=problems("access.denied"))
+def metrics(state: StateDep, _caller: CallerDep) -> PlainTextResponse:
+    """Figures for Prometheus."""
+    return PlainTextResponse(state.metrics.text(), media_type=MEDIA_TYPE)
+
+
+@router.get("/capabilities", responses=problems("access.denied"))
+def capabilities(state: StateDep, _caller: CallerDep) -> Capabilities:
+    """Formats, limits, presets, the options' JSON Schema, and all problem codes."""
+    return capabilities_of(state.settings)

@@ -28,6 +28,10 @@ WRITE_BYTES = 512 * 1024
 FORM_OVERHEAD = 256 * 1024
 """What a form may weigh beside its file."""
 
+RAW_TYPES = frozenset({"application/octet-stream", "text/plain", "model/ply"})
+
+FIELDS = ("options", "label")
+
 LABEL_CHARACTERS = 200
 
 DRAIN_BYTES, DRAIN_SECONDS = 4 * 2**20, 2.0
@@ -80,10 +84,18 @@ class Receiver:
         self._max_bytes = settings.upload_bytes
         self._limits = Limits(max_bytes=settings.upload_bytes, max_points=settings.max_points)
 
-    async def form(self, request: Request) -> Submission:
-        """A multipart form with one part `file` and plain fields."""
+    async def submission(self, request: Request) -> Submission:
+        """A multipart form with one part `file` and plain fields, or the file itself as the body.
+
+        With a bare body, its name, the options and the label stand in the query.
+        """
         self._check_length(request)
         try:
+            kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+            if kind in RAW_TYPES:
+                query = dict(request.query_params)
+                stored = await self._store_part(query.pop("name", ""), request.stream())
+                return Submission(stored, {n: query[n] for n in FIELDS if n in query})
             return await self._read_form(request)
         except BaseException as error:
             if isinstance(error, Exception):
