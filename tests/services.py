@@ -27,6 +27,8 @@ from service.settings import Settings
 
 T = TypeVar("T")
 
+PATIENCE = 4
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
@@ -63,8 +65,11 @@ def _pings(redis: Redis) -> bool:
 
 
 def wait_for(look: Callable[[], T], seconds: float, what: str) -> T:
-    """Poll until `look` is true; there is no event to await across processes."""
-    deadline = time.monotonic() + seconds
+    """Poll until `look` is true; there is no event to await across processes.
+
+    `seconds` is what an idle machine needs; a busy one gets more.
+    """
+    deadline = time.monotonic() + seconds * PATIENCE
     while True:
         found = look()
         if found:

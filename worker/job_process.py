@@ -11,12 +11,16 @@ import resource
 import signal
 import sys
 
+from worker import stopping
+
 PR_SET_PDEATHSIG = 1
 
 
 def main() -> None:
     """Run the attempt that the environment names, then leave without cleaning up after torch."""
     die_with_parent(int(os.environ["MPF_PARENT_PID"]))
+    # From the first moment on SIGTERM is a wish, not death; RQ installs the same again.
+    signal.signal(signal.SIGTERM, stopping.hear)
     from rq.executions import Execution
     from rq.serializers import JSONSerializer
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-from types import FrameType
 
 from rq import Worker
 
@@ -16,8 +15,4 @@ class JobProcessWorker(Worker):
     def setup_work_horse_signals(self) -> None:
         """Ctrl-C is the parent's business."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, _hand_back)
-
-
-def _hand_back(_signal: int, _frame: FrameType | None) -> None:
-    stopping.request_hand_back()
+        signal.signal(signal.SIGTERM, stopping.hear)

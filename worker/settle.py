@@ -34,6 +34,9 @@ def settle(
             log.warning("job %s: its process ended with %s", job.id, code)
             _end_of(job, lease, code, store, queue, settings)
             artifacts.discard_work(lease.job_id, lease.attempt)
+        elif job is not None and job.state is JobState.QUEUED and code == -signal.SIGTERM:
+            # It was told to leave before it had started.
+            queue.enqueue(job.id, job.attempt)
     except Refused as refusal:
         log.info("job %s: settled elsewhere (%s)", lease.job_id, refusal)
     except RedisError as error:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import threading
+from types import FrameType
 
 _hand_back = threading.Event()
 
 
-def request_hand_back() -> None:
-    """The worker is leaving: stop and let another one continue."""
+def hear(_signal: int, _frame: FrameType | None) -> None:
+    """Signal handler: the worker is leaving; stop and let another one continue."""
     _hand_back.set()
 
 
