@@ -19,6 +19,7 @@ from service.operations.routes import router as operations
 from service.responses import describe
 from service.settings import Settings
 from service.state import build_state
+from service.webhooks.routes import router as webhooks
 
 UPLOAD_PATHS = frozenset({("POST", "/jobs")})
 
@@ -56,7 +57,7 @@ def create_app(settings: Settings) -> FastAPI:
             allow_headers=["Authorization", "Content-Type", "Idempotency-Key", "Last-Event-ID"],
             expose_headers=["Location", "Retry-After", "ETag"],
         )
-    for router in (jobs, events, artifacts, shares, operations):
+    for router in (jobs, events, artifacts, shares, webhooks, operations):
         app.include_router(router)
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     return app

@@ -103,6 +103,14 @@ class Settings(BaseSettings):
         default=600.0, ge=0, description="How long a job process waits for Redis to come back, s."
     )
 
+    # Webhooks
+    webhook_networks: tuple[str, ...] = Field(
+        default=(), description="Networks with private addresses that may get webhooks, as CIDR."
+    )
+    webhook_pause_factor: float = Field(
+        default=1.0, gt=0, description="Stretches the pauses between tries (5 s to 14 h)."
+    )
+
     # How long things stay
     retention_seconds: float = Field(
         default=7 * 86_400.0, gt=0, description="Time for which an ended job keeps its files, s."

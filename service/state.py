@@ -22,6 +22,7 @@ from service.operations.store import WorkerRegister
 from service.settings import Settings
 from service.uploads.intake import Intake
 from service.uploads.receive import Receiver
+from service.webhooks.store import WebhookStore
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class State:
     artifacts: ArtifactStore
     store: JobStore
     events: EventStore
+    webhooks: WebhookStore
     hub: Hub
     jobs: JobCommands
     receiver: Receiver
@@ -57,6 +59,7 @@ def build_state(settings: Settings) -> State:
         artifacts=artifacts,
         store=store,
         events=EventStore(redis),
+        webhooks=WebhookStore(redis),
         hub=Hub(settings),
         jobs=commands,
         receiver=Receiver(artifacts, settings),

@@ -1,67 +1,86 @@
-"""What every worker does beside its jobs, in a thread: sign the register, reap, expire."""
+"""What every worker does beside its jobs, in threads: sign the register, reap, expire, deliver."""
 
 from __future__ import annotations
 
 import logging
-import math
 import threading
-import time
+from collections.abc import Callable
 
 from redis.exceptions import RedisError
 
 from service.artifacts.store import ArtifactStore
 from service.connection import connect
+from service.events.store import EventStore
 from service.jobs.queue import JobQueue
 from service.jobs.store import JobStore
 from service.operations.retention import Retention
 from service.operations.store import WorkerRegister
 from service.settings import Settings
+from service.webhooks.store import WebhookStore
 from worker.reaper import Reaper
+from worker.webhooks import Deliverer
 
 log = logging.getLogger("mpf.worker")
 
-EVERY_SECONDS = 3.0
+ROUND_SECONDS = 3.0
+WEBHOOK_ROUND_SECONDS = 1.0
 
 
-class Housekeeping:
-    """Runs while the worker lives; an error in one round does not end the next."""
+class Loop:
+    """Calls `act` again and again in a thread; an error in one round does not end the next."""
 
-    def __init__(self, name: str, settings: Settings):
-        redis = connect(settings)
+    def __init__(self, name: str, every: float, act: Callable[[], None]):
         self._name = name
-        self._register = WorkerRegister(redis)
-        queue = JobQueue(redis, job_seconds=settings.job_seconds)
-        store = JobStore(redis, retention_seconds=settings.retention_seconds)
-        artifacts = ArtifactStore(settings.data_dir)
-        self._reaper = Reaper(store, queue, artifacts, settings)
-        self._retention = Retention(store, artifacts, settings)
-        self._retention_at = -math.inf
-        self._retention_every = settings.retention_round_seconds
+        self._every = every
+        self._act = act
         self._over = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="housekeeping", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
-    def __enter__(self) -> Housekeeping:
+    def start(self) -> None:
+        """Begin at once."""
         self._thread.start()
-        return self
 
-    def __exit__(self, *_: object) -> None:
+    def stop(self) -> None:
+        """After the round that is under way, which is waited for a little."""
         self._over.set()
-        self._thread.join(timeout=10)
+        self._thread.join(timeout=5)
 
     def _run(self) -> None:
         while True:
-            self._round()
-            if self._over.wait(EVERY_SECONDS):
+            try:
+                self._act()
+            except RedisError as error:
+                log.warning("%s waits for Redis: %s", self._name, error)
+            except Exception:
+                log.exception("%s failed this time", self._name)
+            if self._over.wait(self._every):
                 return
 
-    def _round(self) -> None:
-        try:
-            self._register.sign(self._name)
-            self._reaper.look()
-            if time.monotonic() - self._retention_at > self._retention_every:
-                self._retention_at = time.monotonic()
-                self._retention.round()
-        except RedisError as error:
-            log.warning("housekeeping waits for Redis: %s", error)
-        except Exception:
-            log.exception("housekeeping failed this time")
+
+class Housekeeping:
+    """Runs while the worker lives."""
+
+    def __init__(self, name: str, settings: Settings):
+        redis = connect(settings)
+        register = WorkerRegister(redis)
+        queue = JobQueue(redis, job_seconds=settings.job_seconds)
+        store = JobStore(redis, retention_seconds=settings.retention_seconds)
+        artifacts = ArtifactStore(settings.data_dir)
+        reaper = Reaper(store, queue, artifacts, settings)
+        retention = Retention(store, artifacts, settings)
+        deliverer = Deliverer(WebhookStore(redis), store, EventStore(redis), settings)
+        self._loops = [
+            Loop("register", ROUND_SECONDS, lambda: register.sign(name)),
+            Loop("reaper", ROUND_SECONDS, reaper.look),
+            Loop("retention", settings.retention_round_seconds, retention.round),
+            Loop("webhooks", WEBHOOK_ROUND_SECONDS, deliverer.round),
+        ]
+
+    def __enter__(self) -> Housekeeping:
+        for loop in self._loops:
+            loop.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for loop in self._loops:
+            loop.stop()

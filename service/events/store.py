@@ -40,6 +40,11 @@ class EventStore:
         entries: Any = self._redis.xrange(stream_key(job_id), f"({last}", "+", count=most)
         return [_event(*entry) for entry in entries]
 
+    def one(self, job_id: str, event_id: str) -> Event | None:
+        """That very event, if it is still kept."""
+        entries: Any = self._redis.xrange(stream_key(job_id), event_id, event_id)
+        return _event(*entries[0]) if entries else None
+
     def last_id(self, job_id: str) -> str:
         """The id of the latest event; "0-0" if there is none."""
         entries: Any = self._redis.xrevrange(stream_key(job_id), count=1)

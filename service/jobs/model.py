@@ -112,6 +112,8 @@ class Job:
     """Renewals of the lease. It is the moving of this number, not a clock, that keeps a lease."""
     cancel: str = ""
     """What a caller asked for: "" (nothing), "discard", or "keep" (the surface so far)."""
+    webhook: Mapping[str, Any] | None = None
+    """Whom to tell of changes; holds a secret, so it is never shown."""
     created_at: int = 0
     updated_at: int = 0
     queued_at: int = 0
@@ -130,7 +132,7 @@ def new_job_id() -> str:
     return secrets.token_hex(16)
 
 
-_JSON_FIELDS = {"options", "input", "progress", "problem", "artifacts"}
+_JSON_FIELDS = {"options", "webhook", "input", "progress", "problem", "artifacts"}
 _INT_FIELDS = {
     "attempt", "result_attempt", "beats", "created_at", "updated_at", "queued_at", "started_at",
     "finished_at", "expires_at",

@@ -58,6 +58,7 @@ _UPLOAD_BODY: dict[str, Any] = {
             ("name", "the file's name"),
             ("options", "as in the form, JSON"),
             ("label", "a word"),
+            ("webhook", "as in the form, JSON"),
         )
     ],
     "requestBody": {
@@ -75,6 +76,15 @@ _UPLOAD_BODY: dict[str, Any] = {
                         },
                         "options": options_schema(),
                         "label": {"type": "string", "maxLength": 200},
+                        "webhook": {
+                            "type": "object",
+                            "required": ["url", "secret"],
+                            "properties": {
+                                "url": {"type": "string", "format": "uri"},
+                                "secret": {"type": "string", "pattern": "^whsec_"},
+                                "events": {"type": "array", "items": {"enum": list(JobState)}},
+                            },
+                        },
                     },
                 },
                 "encoding": {"options": {"contentType": "application/json"}},

@@ -44,7 +44,7 @@ return {'ok', ARGV[1]}
 # ARGV: id, expected fields (JSON), states it may be in (",a,b,"), new state ("": stays),
 #       fields (JSON), stamp field ("": none), 1 if the attempt number grows, event name ("": none),
 #       event data, index prefix, feed channel, events kept, retention ms (0: not an end),
-#       prefix of the owners' live jobs, key of the counts
+#       prefix of the owners' live jobs, key of the counts, key of webhooks that are due
 CHANGE = """
 local state = redis.call('HGET', KEYS[1], 'state')
 if not state then return {'missing'} end
@@ -78,7 +78,11 @@ if ARGV[13] ~= '0' then
 end
 if state == 'expired' then redis.call('ZREM', ARGV[10] .. 'ended', ARGV[1]) end
 if ARGV[8] ~= '' then
-  redis.call('XADD', KEYS[2], 'MAXLEN', '~', ARGV[12], '*', 'event', ARGV[8], 'data', ARGV[9])
+  local event = redis.call('XADD', KEYS[2], 'MAXLEN', '~', ARGV[12], '*',
+                           'event', ARGV[8], 'data', ARGV[9])
+  if ARGV[8] == 'state' and redis.call('HEXISTS', KEYS[1], 'webhook') == 1 then
+    redis.call('ZADD', ARGV[16], ms, ARGV[1] .. ' ' .. event)
+  end
   redis.call('PUBLISH', ARGV[11], ARGV[1] .. ' ' .. state)
 end
 return {'ok', state, redis.call('HGET', KEYS[1], 'attempt'),
@@ -93,14 +97,15 @@ redis.call('HINCRBY', KEYS[1], 'beats', 1)
 return {'ok', redis.call('HGET', KEYS[1], 'cancel') or ''}
 """
 
-# KEYS[3] owner's index, KEYS[4] owner's live jobs; ARGV: id, index prefix, feed channel
+# KEYS[3] owner's index, KEYS[4] owner's live jobs, KEYS[5] log of webhooks
+# ARGV: id, index prefix, feed channel
 REMOVE = """
 if redis.call('EXISTS', KEYS[1]) == 0 then return {'missing'} end
 for _, state in ipairs({'queued', 'running', 'succeeded', 'failed', 'cancelled', 'expired',
                         'ended'}) do redis.call('ZREM', ARGV[2] .. state, ARGV[1]) end
 redis.call('ZREM', KEYS[3], ARGV[1])
 redis.call('ZREM', KEYS[4], ARGV[1])
-redis.call('DEL', KEYS[1], KEYS[2])
+redis.call('DEL', KEYS[1], KEYS[2], KEYS[5])
 redis.call('PUBLISH', ARGV[3], ARGV[1] .. ' removed')
 return {'ok'}
 """

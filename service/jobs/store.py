@@ -38,6 +38,7 @@ from service.jobs.model import (
     origins,
 )
 from service.jobs.scripts import CHANGE, CREATE, REMOVE, RENEW
+from service.webhooks.store import DUE_KEY, log_key
 
 EVERYWHERE = frozenset(TRANSITIONS)
 
@@ -86,6 +87,8 @@ class JobStore(JobIndex):
                  "options": dict(job.options), "result_attempt": 0, "beats": 0}  # fmt: skip
         if job.input is not None:
             given["input"] = asdict(job.input)
+        if job.webhook:
+            given["webhook"] = dict(job.webhook)
         name = creation.idempotency_key
         remembered = idempotency_key(job.owner, name) if name else ""
         self._create(
@@ -195,6 +198,7 @@ class JobStore(JobIndex):
                 stream_key(job.id),
                 owner_key(job.owner),
                 live_key(job.owner),
+                log_key(job.id),
             ],
             args=[job.id, INDEX_PREFIX, FEED_CHANNEL],
         )
@@ -235,6 +239,7 @@ class JobStore(JobIndex):
             json.dumps(data or {}, allow_nan=False), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT,
             self._retention_ms if target in RESULTS else 0, LIVE_PREFIX,
             COUNTS_KEY,
+            DUE_KEY,
         ]  # fmt: skip
         reply = self._change(keys=[record_key(job_id), stream_key(job_id)], args=args)
         verdict, *rest = [text_of(part) for part in reply]

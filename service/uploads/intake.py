@@ -13,6 +13,7 @@ from service.jobs.model import Input, Job, JobState, new_job_id
 from service.settings import Settings
 from service.uploads.check import check_content
 from service.uploads.receive import Submission
+from service.webhooks.wish import wish_from
 
 
 class Intake:
@@ -28,6 +29,7 @@ class Intake:
         stored = submission.stored
         try:
             options = options_to_mapping(options_from(submission.options()))
+            webhook = wish_from(submission.fields.get("webhook", ""))
             self._commands.require_room()
             points = check_content(stored, self._settings)
             job = Job(
@@ -37,6 +39,7 @@ class Intake:
                 owner=caller.owner,
                 label=submission.label(),
                 options=options,
+                webhook=webhook.as_record() if webhook else None,
                 input=Input(stored.name, stored.header.format, stored.bytes, stored.sha256, points),
             )
             self._artifacts.adopt_input(job.id, stored.path, stored.header.format)

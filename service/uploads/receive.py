@@ -30,7 +30,7 @@ FORM_OVERHEAD = 256 * 1024
 
 RAW_TYPES = frozenset({"application/octet-stream", "text/plain", "model/ply"})
 
-FIELDS = ("options", "label")
+FIELDS = ("options", "label", "webhook")
 
 LABEL_CHARACTERS = 200
 

@@ -1,0 +1,1 @@
+"""Telling somebody's server that a job has changed."""
