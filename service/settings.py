@@ -77,6 +77,9 @@ class Settings(BaseSettings):
         ge=0,
         description="Memory of one job process; 0: no limit; 80 % of RAM if not given.",
     )
+    job_nice: int = Field(
+        default=10, ge=0, le=19, description="Niceness of job processes: the API goes first."
+    )
     max_attempts: int = Field(
         default=5, ge=1, description="Attempts at one job, crashes and lost workers counted."
     )

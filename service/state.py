@@ -72,7 +72,7 @@ def build_state(settings: Settings) -> State:
     )
 
 
-def state_of(request: Request) -> State:
+async def state_of(request: Request) -> State:
     """The state of the application that serves `request`."""
     state: State = request.app.state.mpf
     return state

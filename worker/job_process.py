@@ -33,6 +33,7 @@ def main() -> None:
     settings = Settings()
     configure_logging()
     limit_memory(settings)
+    os.nice(settings.job_nice)
     redis = connect(settings)
     worker = JobProcessWorker([], os.environ["RQ_WORKER_ID"], connection=redis,
                               serializer=JSONSerializer, prepare_for_work=False)  # fmt: skip

@@ -117,5 +117,5 @@ class MpfWorker(Worker):
     def _exit_code(self) -> int:
         """How the process ended; waits for it if RQ has given up watching."""
         process = self._process
-        assert process is not None  # noqa: S101
+        assert process is not None
         return process.wait()

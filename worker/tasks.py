@@ -53,7 +53,7 @@ Runner = Callable[[Run], None]
 
 def fit(run: Run) -> None:
     """Points in, surface out. The numerics are loaded here and nowhere else."""
-    from mpf_core.reconstruct import reconstruct_file
+    from mpf_core.pipeline import reconstruct_file
 
     reconstruct_file(
         run.cloud,
@@ -70,7 +70,7 @@ RUNNERS: dict[str, Runner] = {"fit": fit}
 def run(job_id: str) -> None:
     """RQ's entry point: `job_id` is the only argument, the attempt stands in the entry's id."""
     entry = get_current_job()
-    assert entry is not None  # noqa: S101  only RQ calls this
+    assert entry is not None
     _, attempt = attempt_of(entry.id)
     settings = Settings()
     lease = Lease(job_id, attempt, os.environ["RQ_WORKER_ID"])

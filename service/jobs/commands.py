@@ -72,6 +72,11 @@ class JobCommands:
             raise expired(job_id)
         return job
 
+    def look(self, caller: Caller, job_id: str) -> tuple[Job, int | None]:
+        """The job, and the jobs before it."""
+        job = self.get(caller, job_id)
+        return job, self.position(job)
+
     def position(self, job: Job) -> int | None:
         """Jobs before this one in the queue."""
         return self._store.position(job.id) if job.state is JobState.QUEUED else None

@@ -157,12 +157,13 @@ async def show(
     ] = 0.0,
 ) -> JobOut:
     """The job as it stands, or as soon as its state is another."""
-    job = await to_thread.run_sync(state.jobs.get, caller, job_id)
+    job, position = await to_thread.run_sync(state.jobs.look, caller, job_id)
     if wait and not job.ended:
         job = await _next_state(state, caller, job, wait)
+        position = await to_thread.run_sync(state.jobs.position, job)
     if not job.ended:
         response.headers["Retry-After"] = POLL_SECONDS
-    return job_out(job, await to_thread.run_sync(state.jobs.position, job))
+    return job_out(job, position)
 
 
 @router.delete("/jobs/{job_id}", status_code=204, responses=problems("job.not_found"))

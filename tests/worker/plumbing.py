@@ -37,12 +37,12 @@ def runner(run: tasks.Run) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
     if word == "hungry":
         _eat()
-    if word in ("long", "stubborn"):
-        _work(run, float(number or 60), heed=word == "long")
+    if word in ("long", "stubborn", "burn"):
+        _work(run, float(number or 60), heed=word != "stubborn", pause=0.02 * (word != "burn"))
     _write(run.out, run.job.attempt)
 
 
-def _work(run: tasks.Run, seconds: float, *, heed: bool) -> None:
+def _work(run: tasks.Run, seconds: float, *, heed: bool, pause: float) -> None:
     start = time.monotonic()
     while (passed := time.monotonic() - start) < seconds:
         run.reporter.progress(
@@ -50,7 +50,7 @@ def _work(run: tasks.Run, seconds: float, *, heed: bool) -> None:
         )
         if heed and run.reporter.cancel():
             raise Cancelled("stopped")
-        time.sleep(0.02)
+        time.sleep(pause)
 
 
 def _eat() -> None:
