@@ -89,10 +89,13 @@ class FitOptions:
         100.0, "Sharpness α of the align window and of the far-field barrier.", low=0.1
     )
     surface_points: int = option(1024, "Cloud samples per step.", low=16, high=200_000)
-    near_points: int = option(8192, "Band samples per step.", low=16, high=200_000)
+    near_points: int = option(1024, "Band samples per step.", low=16, high=200_000)
+    start_points: int = option(
+        4096, "Samples per step of the regression to the warm start.", low=16, high=200_000
+    )
     far_points: int = option(1024, "Free-space samples per step.", low=16, high=200_000)
     laplacian_points: int = option(
-        256, "Points per step at which second derivatives are taken.", low=0, high=200_000
+        128, "Points per step at which second derivatives are taken.", low=0, high=200_000
     )
     band_neighbour: int = option(
         50, "Near samples are jittered by the distance to this neighbour.", low=2, high=50
@@ -103,8 +106,13 @@ class FitOptions:
         choices=("adam", "muon"),
     )
     schedule: str = option("cosine", "Decay of the learning rates.", choices=("constant", "cosine"))
-    learning_rate: float = option(5e-3, "Adam's rate.", low=1e-7, high=1.0)
-    muon_learning_rate: float = option(0.02, "Muon's rate.", low=1e-6, high=1.0)
+    learning_rate: float = option(3e-3, "Adam's rate.", low=1e-7, high=1.0)
+    muon_learning_rate: float = option(
+        0.01,
+        "Muon's rate; 0.02 diverges once the align and Laplacian terms are on.",
+        low=1e-6,
+        high=1.0,
+    )
     beta_learning_rate: float = option(1e-4, "Adam's rate for β (the paper's).", low=0.0, high=1.0)
     gradient_clip: float = option(
         0.0, "Largest norm of the whole gradient; 0 leaves it alone.", low=0.0
@@ -117,9 +125,18 @@ class FitOptions:
     weight_eik_r: float = option(0.007, "Metric Eikonal, eq. eik_r.", low=0.0)
     weight_eik_phi: float = option(0.007, "Topological Eikonal, eq. eik_phi.", low=0.0)
     weight_lap: float = option(0.0004, "Laplacian, eq. lap.", low=0.0)
-    weight_phase: float = option(0.002, "Phase saturation, eq. phase_sat.", low=0.0)
+    weight_phase: float = option(
+        0.1,
+        "Phase saturation, eq. phase_sat. The paper's 0.002 lets the second wall of a shell drift "
+        "away within the iterations that a CPU affords.",
+        low=0.0,
+    )
     weight_far: float = option(0.1, "Far-field repulsion, eq. far_field.", low=0.0)
-    weight_normal: float = option(0.15, "Normal alignment, eq. normal_align.", low=0.0)
+    weight_normal: float = option(
+        1.0,
+        "Normal alignment, eq. normal_align. The paper's 0.15 leaves pinholes in sheets.",
+        low=0.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -178,6 +195,8 @@ PRESETS: dict[str, Options] = {
             schedule="constant",
             learning_rate=5e-5,
             gradient_clip=1.4e-3,
+            weight_phase=0.002,
+            weight_normal=0.15,
         ),
         surface=SurfaceOptions(resolution=256),
     ),

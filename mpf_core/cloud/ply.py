@@ -25,7 +25,7 @@ def read_ply(stream: BinaryIO, size: int, limits: Limits = DEFAULT_LIMITS) -> Re
     stream.seek(0)
     first = stream.read(HEADER_BYTES)
     header = parse_header(first, size, limits)
-    assert header is not None  # noqa: S101 - all that parse_header may ask for was given
+    assert header is not None
     vertices = _Vertices(header)
     if header.order:
         trailing, unit = read_binary(stream, size, header, vertices.targets), "bytes"

@@ -1,10 +1,19 @@
-"""`mpf sample`: clouds for a first try."""
+"""`mpf sample`: clouds for a first try. `mpf experiment`: the paper's tables."""
 
 from __future__ import annotations
 
+import json
+import shlex
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
+
+from mpf_core.errors import InputError
+
+if TYPE_CHECKING:
+    from mpf_core.experiments.trial import Trial
 
 # The names are written out so that `--help` need not load the shapes.
 DEFAULT = "potted-plant"
@@ -63,3 +72,75 @@ def _write(name: str, output: Path, points: int | None, seed: int, truth: Path |
     if truth is not None and made.truth is not None:
         write_ply(made.truth(), truth)
         click.echo(f"{truth}: its exact surface", err=True)
+
+
+EXPERIMENTS = ("thickness", "shapes", "noise")
+
+
+@click.command()
+@click.argument("name", type=click.Choice(EXPERIMENTS))
+@click.option(
+    "--quick", is_flag=True, help="A small form of at most 20 s; says nothing of quality."
+)
+@click.option("--budget", type=click.FloatRange(1), help="Seconds for each fit.")
+@click.option("--seeds", type=click.IntRange(1, 20), default=1, show_default=True)
+@click.option("--preset", help="Options to start from, as for mpf reconstruct.")
+@click.option("--only", help="Only trials whose label holds this text.")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Where all goes.")
+@click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
+def experiment(
+    name: str,
+    quick: bool,
+    budget: float | None,
+    seeds: int,
+    preset: str | None,
+    only: str | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Run one of the paper's experiments: a table, the meshes and their pictures.
+
+    Rows that are there already are kept, so a stopped experiment goes on where it was.
+    """
+    from mpf_core.experiments import suite, tables, trial
+    from mpf_core.files import write_atomically
+    from mpf_core.surface.drawing import png_bytes
+
+    directory = out or Path("out") / "experiments" / (f"{name}-quick" if quick else name)
+    wanted = suite.trials(name, quick=quick, seeds=seeds, preset=preset, budget=budget)
+    wanted = [t for t in wanted if only is None or only in t.label]
+    _check_options(wanted)
+    rows = []
+    samples = 10_000 if quick else 100_000
+    for row in trial.run(wanted, directory, trial.METHODS, samples=samples):
+        rows.append(row)
+        click.echo(_progress(row, len(rows), len(wanted)), err=True)
+    about = suite.EXPERIMENTS[name]
+    command = shlex.join(["mpf", "experiment", *sys.argv[2:]])
+    table = tables.markdown(about.title, rows, about.paper, command)
+    write_atomically(directory / "table.md", table.encode())
+    write_atomically(directory / "rows.json", json.dumps(rows, indent=2).encode())
+    sheet = tables.contact_sheet(rows, directory)
+    if sheet is not None:
+        write_atomically(directory / "sheet.png", png_bytes(sheet))
+    click.echo(json.dumps(rows, indent=2) if as_json else table)
+    if any("error" in row for row in rows):
+        raise SystemExit(3)
+
+
+def _check_options(trials: list[Trial]) -> None:
+    """Refuse wrong options before the first fit, not in every row."""
+    from mpf_core.options import options_from
+
+    if not trials:
+        raise click.UsageError("no trial has that in its label")
+    try:
+        options_from(dict(trials[0].options))
+    except InputError as error:
+        raise click.UsageError(str(error)) from error
+
+
+def _progress(row: dict[str, Any], done: int, all_of_them: int) -> str:
+    found = row.get("error") or f"Chamfer × 10³ {row['metrics']['chamfer']:.3g}"
+    label, seed = row["trial"]["label"], row["trial"]["seed"]
+    return f"[{done}/{all_of_them}] {label}, seed {seed}: {found}, {row['seconds']:.0f} s"

@@ -1,0 +1,57 @@
+"""A fitted field as plain functions over numpy arrays, in chunks that stay in the cache."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from mpf_core.field.jet import Order
+from mpf_core.field.metric_phase import MetricPhaseField
+
+CHUNK = 8192  # 256 units × 8192 points × 4 bytes = 8 MiB a layer
+NAMES = ("phi", "r", "theta", "P")
+
+Values = NDArray[np.float32]
+
+
+def theta_of(field: MetricPhaseField) -> Callable[[NDArray[np.float64]], Values]:
+    """θ at normalised points (n, 3)."""
+    return _chunked(field.theta)
+
+
+def field_of(field: MetricPhaseField, name: str) -> Callable[[NDArray[np.float64]], Values]:
+    """One of φ, r, θ, P at normalised points (n, 3), by its name in NAMES."""
+    attribute = {"P": "indicator"}.get(name, name)
+
+    def evaluate(x: torch.Tensor) -> torch.Tensor:
+        values: torch.Tensor = getattr(field(x, Order.VALUE), attribute).value
+        return values
+
+    return _chunked(evaluate)
+
+
+def gradient_of(field: MetricPhaseField) -> Callable[[NDArray[np.float64]], Values]:
+    """∇θ (n, 3) at normalised points; on the surface it is the outward normal."""
+
+    def evaluate(x: torch.Tensor) -> torch.Tensor:
+        gradient = field.siren.phase_jet(x).gradient
+        assert gradient is not None
+        return gradient
+
+    return _chunked(evaluate)
+
+
+def _chunked(
+    evaluate: Callable[[torch.Tensor], torch.Tensor],
+) -> Callable[[NDArray[np.float64]], Values]:
+    def all_of(points: NDArray[np.float64]) -> Values:
+        with torch.inference_mode():
+            x = torch.from_numpy(np.ascontiguousarray(points, dtype=np.float32))
+            parts = [evaluate(part) for part in torch.split(x, CHUNK)] or [evaluate(x)]
+            values: Values = torch.cat(parts).numpy()
+        return values
+
+    return all_of

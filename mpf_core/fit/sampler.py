@@ -1,0 +1,162 @@
+"""Where the losses look: surface, band and far samples, drawn from pools that are made once.
+
+The paper's sets (section Experiments, Implementation details): band N_δ, the samples jittered by a
+Gaussian whose width is the distance to the 50th neighbour, kept where 0 < d < δ; far, uniform in
+the box, kept where d ≥ δ; d is the distance to the nearest sample.
+
+With a warm start the distance to the local fit takes the place of d. It resolves the band below
+the spacing of the samples, and half of the far samples lie close outside the band: so the far-field
+terms reach down to the wall of a shell, where uniform samples never come.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy.typing import NDArray
+from torch import Tensor
+
+from mpf_core.cloud.neighbors import Neighborhoods, distance_within
+from mpf_core.fit.initialize import Initialization
+
+BOX = 1.1  # Ω = [-BOX, BOX]³
+CHUNK = 100_000
+POOL = 600_000
+BAND_SPACINGS = 0.5  # δ in local-fit distance, over the median spacing
+BAND_SHELLS = 3.0  # and at least this many half thicknesses of the shell
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Points with what the losses need to know about them.
+
+    x: (n, 3); side: (n,) +1 outside, −1 enclosed; theta, r: (n,) the classical start. Without a
+    warm start only x.
+    """
+
+    x: Float[Tensor, "n 3"]
+    side: Float[Tensor, " n"] | None = None
+    theta: Float[Tensor, " n"] | None = None
+    r: Float[Tensor, " n"] | None = None
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+
+@dataclass(frozen=True)
+class Pools:
+    """All that the loop draws from.
+
+    surface: (n, 3) the cloud with unit `normals`; near: N_δ; far: Ω \\ N_δ; ambient: uniform in
+    free space, for second derivatives; start: for the regression; delta: δ, normalised.
+    """
+
+    surface: Float[Tensor, "n 3"]
+    normals: Float[Tensor, "n 3"]
+    near: Pool
+    far: Pool
+    ambient: Pool
+    start: Pool | None
+    delta: float
+
+
+def paper_pools(
+    neighbours: Neighborhoods, rng: np.random.Generator, *, size: int = POOL, threads: int = -1
+) -> Pools:
+    """The sets of the paper for a cloud in [-1, 1]³; δ is the median distance to the 50th
+    neighbour, which the paper leaves open."""
+    delta = float(np.median(neighbours.band_radius))
+
+    def distance(x: Array) -> Array:
+        return distance_within(neighbours.tree, x, delta, threads)
+
+    near = _jittered(neighbours, neighbours.band_radius, size, rng)
+    to_cloud = distance(near)
+    near = near[(to_cloud > 0) & (to_cloud < delta)]
+    far = _uniform(size, rng)
+    far = far[distance(far) >= delta]
+    return Pools(
+        surface=_tensor(neighbours.points),
+        normals=_tensor(neighbours.normals),
+        near=Pool(_tensor(near)),
+        far=Pool(_tensor(far)),
+        ambient=Pool(_tensor(_uniform(size, rng))),
+        start=None,
+        delta=delta,
+    )
+
+
+def warm_pools(
+    neighbours: Neighborhoods,
+    initialization: Initialization,
+    rng: np.random.Generator,
+    *,
+    size: int = POOL,
+) -> Pools:
+    """The sets with a warm start: one pool with targets, parted at δ."""
+    delta = max(BAND_SPACINGS * neighbours.median_spacing, BAND_SHELLS * initialization.shell)
+    parts = [int(size * share) for share in (0.30, 0.30, 0.20, 0.20)]
+    x = np.concatenate(
+        [
+            _across_shell(neighbours, initialization, parts[0], rng),
+            _jittered(neighbours, 0.5 * neighbours.spacing, parts[1], rng),
+            _jittered(neighbours, neighbours.band_radius, parts[2], rng),
+            _uniform(parts[3], rng),
+        ]
+    )
+    targets = [initialization.at(x[i : i + CHUNK]) for i in range(0, len(x), CHUNK)]
+    start = Pool(
+        _tensor(x),
+        _tensor(np.concatenate([np.sign(t.theta) for t in targets])),
+        _tensor(np.concatenate([t.theta for t in targets])),
+        _tensor(np.concatenate([t.r for t in targets])),
+    )
+    assert start.r is not None and start.side is not None
+    outside_band = start.r >= delta
+    uniform = torch.arange(len(x)) >= len(x) - parts[3]
+    return Pools(
+        surface=_tensor(neighbours.points),
+        normals=_tensor(initialization.normals),
+        near=_where(start, ~outside_band & (start.r > 0)),
+        far=_where(start, outside_band),
+        ambient=_where(start, outside_band & uniform),
+        start=start,
+        delta=delta,
+    )
+
+
+def _tensor(values: NDArray[np.generic]) -> Tensor:
+    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
+
+
+def _where(pool: Pool, mask: Tensor) -> Pool:
+    assert pool.side is not None and pool.theta is not None and pool.r is not None
+    return Pool(pool.x[mask], pool.side[mask], pool.theta[mask], pool.r[mask])
+
+
+def _uniform(count: int, rng: np.random.Generator) -> Array:
+    return rng.uniform(-BOX, BOX, size=(count, 3))
+
+
+def _jittered(
+    neighbours: Neighborhoods, width: Array, count: int, rng: np.random.Generator
+) -> Array:
+    pick = rng.integers(len(neighbours.points), size=count)
+    return neighbours.points[pick] + rng.normal(size=(count, 3)) * width[pick, None]
+
+
+def _across_shell(
+    neighbours: Neighborhoods, start: Initialization, count: int, rng: np.random.Generator
+) -> Array:
+    """Spread in the tangent plane, and along the normal across both walls of the shell."""
+    pick = rng.integers(len(neighbours.points), size=count)
+    normals = start.normals[pick]
+    lateral = rng.normal(size=(count, 3)) * 0.5 * neighbours.spacing[pick, None]
+    lateral -= np.einsum("ni,ni->n", lateral, normals)[:, None] * normals
+    depth = rng.normal(size=(count, 1)) * 1.6 * start.shell - start.shell
+    return neighbours.points[pick] + lateral + depth * normals

@@ -1,0 +1,279 @@
+"""The whole pipeline on one screen: points in, surface out.
+
+>>> import numpy as np
+>>> from mpf_core import options_from, reconstruct
+>>> rng = np.random.default_rng(0)
+>>> sphere = rng.normal(size=(500, 3))
+>>> sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+>>> options = options_from({"preset": "draft", "max_iterations": 60, "resolution": 32})
+>>> result = reconstruct(sphere, options)
+>>> result.report["surface"]["watertight"]
+True
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from mpf_core.cloud.neighbors import Neighborhoods, analyse
+from mpf_core.cloud.normalize import Similarity
+from mpf_core.cloud.pointcloud import PointCloud
+from mpf_core.cloud.prepare import PrepareOptions, prepare
+from mpf_core.cloud.reader import read_cloud
+from mpf_core.errors import Cancelled
+from mpf_core.field import MetricPhaseField
+from mpf_core.field.fitted import field_of, gradient_of, theta_of
+from mpf_core.files import write_atomically
+from mpf_core.fit.initialize import Initialization, initialize
+from mpf_core.fit.sampler import paper_pools, warm_pools
+from mpf_core.fit.trainer import FitLog, StepReport, fit_field
+from mpf_core.options import Options
+from mpf_core.progress import CancelCheck, Progress, ProgressCallback
+from mpf_core.quality.report import run_report, surface_report
+from mpf_core.surface.export import write_glb, write_ply
+from mpf_core.surface.finish import finish, without_floaters
+from mpf_core.surface.isosurface import Grid, Isosurface, extract
+from mpf_core.surface.mesh import Mesh
+from mpf_core.surface.resolution import choose_resolution
+from mpf_core.surface.slices import write_slices
+
+Clock = Callable[[], float]
+
+# Share of the whole job that is done when each stage begins.
+BEGINS = {"read": 0.0, "prepare": 0.01, "initialize": 0.03, "fit": 0.08, "extract": 0.85}
+BEGINS |= {"report": 0.96, "done": 1.0}
+EXTRACTION_SHARE = 0.2  # of the time budget, kept for extraction, report and writing
+PADDING = 0.05  # of the normalised frame, around the samples
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A fitted field, the mesh taken from it, and the report.
+
+    `mesh` is in the input's frame; `field` takes normalised coordinates, to which `similarity`
+    leads; `box` (2, 3) is the extracted part of the normalised frame.
+    """
+
+    field: MetricPhaseField
+    mesh: Mesh
+    report: dict[str, Any]
+    similarity: Similarity
+    box: NDArray[np.float64]
+
+
+class Watch:
+    """Reports progress and keeps the seconds of each stage."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        progress: ProgressCallback | None,
+        cancel: CancelCheck | None,
+        begin: float | None = None,
+    ):
+        self.clock, self.progress, self.cancel = clock, progress, cancel
+        self.begin = clock() if begin is None else begin
+        self.stage = ""
+        self.since = self.begin
+        self.seconds: dict[str, float] = {}
+
+    def enter(self, stage: str) -> None:
+        """Begin a stage; raises Cancelled when the caller wants to stop."""
+        now = self.clock()
+        if self.stage:
+            spent = self.seconds.get(self.stage, 0.0) + now - self.since
+            self.seconds[self.stage] = round(spent, 3)
+        self.stage, self.since = stage, now
+        self.check()
+        self.tell(Progress(stage, BEGINS[stage], now - self.begin))
+
+    def tell(self, progress: Progress) -> None:
+        if self.progress is not None:
+            self.progress(progress)
+
+    def check(self) -> None:
+        if self.cancel is not None and self.cancel():
+            raise Cancelled("the reconstruction was cancelled", where=self.stage)
+
+    def on_step(self, step: StepReport) -> None:
+        """Forward a report from the fit."""
+        done = step.iteration / step.planned
+        seconds = self.clock() - self.begin
+        fraction = BEGINS["fit"] + done * (BEGINS["extract"] - BEGINS["fit"])
+        eta = step.seconds / step.iteration * (step.planned - step.iteration)
+        self.tell(
+            Progress(
+                "fit", fraction, seconds, eta, step.iteration, step.planned, step.loss, step.losses
+            )
+        )
+
+
+def reconstruct(
+    points: NDArray[np.floating],
+    options: Options,
+    *,
+    normals: NDArray[np.floating] | None = None,
+    colors: NDArray[np.uint8] | None = None,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCheck | None = None,
+    clock: Clock = time.monotonic,
+) -> Reconstruction:
+    """The surface of an unoriented cloud `points` (n, 3), in any units.
+
+    normals: (n, 3) or None, kept with the cloud; the fit estimates its own. colors: (n, 3) RGB,
+    carried over to the mesh. Raises CloudError for clouds that make no surface, Cancelled,
+    FitError and SurfaceError.
+    """
+    cloud = PointCloud(
+        np.asarray(points, dtype=np.float64),
+        None if normals is None else np.asarray(normals, dtype=np.float64),
+        colors,
+    )
+    return reconstruct_cloud(cloud, options, Watch(clock, progress, cancel))
+
+
+def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reconstruction:
+    """The pipeline itself."""
+    threads = options.threads or torch.get_num_threads()
+    torch.set_num_threads(threads)
+    torch.set_flush_denormal(True)
+    watch.enter("prepare")
+    prepared = prepare(cloud, PrepareOptions(measure=False))
+    cloud = prepared.cloud
+    similarity = Similarity.of(cloud.points)
+    samples = similarity.to_normalised(cloud.points)
+    neighbours = analyse(samples, threads=threads)
+
+    watch.enter("initialize")
+    rng = np.random.default_rng(options.seed)
+    start: Initialization | None = None
+    if options.fit.warm_start:
+        start = initialize(neighbours, threads=threads)
+        watch.check()
+        pools = warm_pools(neighbours, start, rng)
+    else:
+        pools = paper_pools(neighbours, rng, threads=threads)
+
+    watch.enter("fit")
+    field, log = fit_field(
+        pools,
+        options.fit,
+        seed=options.seed,
+        reliability=neighbours.normal_reliability,
+        clock=watch.clock,
+        deadline=watch.begin + (1 - EXTRACTION_SHARE) * options.fit.time_budget,
+        report=watch.on_step,
+        cancel=watch.cancel,
+    )
+
+    watch.enter("extract")
+    resolution, reason = choose_resolution(options.surface, neighbours, start)
+    surface, box = _extract(field, neighbours, resolution, watch)
+    vertices, faces, floaters = without_floaters(
+        surface, neighbours.tree, neighbours.median_spacing
+    )
+    painted = None if cloud.colors is None else (neighbours.tree, cloud.colors)
+    mesh = finish(vertices, faces, gradient_of(field), similarity, painted)
+
+    watch.enter("report")
+    report = {
+        **run_report(options),
+        "input": {
+            "points": prepared.report.received,
+            "used": prepared.report.kept,
+            "notes": [*cloud.notes, *prepared.report.steps],
+            "spacing": similarity.length_to_input(neighbours.median_spacing),
+        },
+        "frame": {"center": similarity.center.tolist(), "scale": similarity.scale},
+        "fit": _fit_report(neighbours, start, log),
+        "extraction": {
+            "resolution": resolution,
+            "reason": reason,
+            "cell": similarity.length_to_input(surface.grid.cell),
+            "evaluations": surface.evaluations,
+            "crossed_cells": surface.crossed_cells,
+            "floaters_removed": floaters,
+            "bound": "heuristic: cells are left out where |θ| exceeds 1.25 half diagonals",
+        },
+        "surface": surface_report(mesh, cloud.points),
+    }
+    watch.enter("done")
+    report["timings"] = dict(watch.seconds)
+    return Reconstruction(field, mesh, report, similarity, box)
+
+
+def _extract(
+    field: MetricPhaseField, neighbours: Neighborhoods, resolution: int, watch: Watch
+) -> tuple[Isosurface, NDArray[np.float64]]:
+    low, high = neighbours.points.min(0) - PADDING, neighbours.points.max(0) + PADDING
+    grid = Grid.around(low, high, resolution)
+    reach = neighbours.median_spacing
+    surface = extract(theta_of(field), grid, neighbours.tree, reach=reach, cancel=watch.cancel)
+    return surface, np.stack([low, high])
+
+
+def _fit_report(
+    neighbours: Neighborhoods, start: Initialization | None, log: FitLog
+) -> dict[str, Any]:
+    last = log.history[-1] if log.history else None
+    return {
+        "iterations": log.iterations,
+        "planned_iterations": log.planned,
+        "stopped_by": log.stopped_by,
+        "seconds": round(log.seconds, 3),
+        "iterations_per_second": round(log.iterations / max(log.seconds, 1e-9), 3),
+        "retries": log.retries,
+        "normal_term": log.normal_term,
+        "normal_reliability": round(neighbours.normal_reliability, 4),
+        "enclosed_regions": None if start is None else start.space.enclosures,
+        "enclosing_share": None if start is None else round(start.seeded, 4),
+        "losses": {} if last is None else last.losses,
+        "history": [
+            {"iteration": e.iteration, "seconds": round(e.seconds, 3), **e.losses}
+            for e in log.history
+        ],
+    }
+
+
+def reconstruct_file(
+    cloud_path: Path,
+    out: Path,
+    options: Options,
+    *,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCheck | None = None,
+    clock: Clock = time.monotonic,
+) -> dict[str, Any]:
+    """Read a cloud and write mesh.glb, mesh.ply, slices/{axis}/{index}.png and report.json.
+
+    Returns the report. Raises InputError, FitError, SurfaceError, Cancelled.
+    """
+    watch = Watch(clock, progress, cancel)
+    watch.enter("read")
+    cloud = read_cloud(cloud_path)
+    result = reconstruct_cloud(cloud, options, watch)
+    out.mkdir(parents=True, exist_ok=True)
+    write_glb(result.mesh, out / "mesh.glb")
+    write_ply(result.mesh, out / "mesh.ply")
+    write_field_slices(result, options.surface.slices, out)
+    write_report(result.report, out / "report.json")
+    return result.report
+
+
+def write_field_slices(result: Reconstruction, count: int, directory: Path) -> None:
+    """φ slices along each axis, as slices/{axis}/{index}.png."""
+    write_slices(field_of(result.field, "phi"), result.similarity, result.box, count, directory)
+
+
+def write_report(report: dict[str, Any], path: Path) -> None:
+    """The report as indented JSON."""
+    write_atomically(path, (json.dumps(report, indent=2, ensure_ascii=False) + "\n").encode())

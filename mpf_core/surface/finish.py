@@ -1,0 +1,73 @@
+"""From the zero level in the normalised frame to a mesh in the input's: floaters off, normals and
+colours on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from mpf_core.cloud.neighbors import distance_within, nearest
+from mpf_core.cloud.normalize import Similarity
+from mpf_core.surface.isosurface import Isosurface
+from mpf_core.surface.mesh import Mesh
+from mpf_core.surface.normals import unit_normals
+
+FLOATER_SPACINGS = 2.0  # a component that comes no nearer to any sample is not of the cloud
+COLOR_NEIGHBOURS = 3
+
+Array = NDArray[np.float64]
+
+
+def without_floaters(
+    surface: Isosurface, samples: cKDTree, spacing: float
+) -> tuple[Array, NDArray[np.int64], int]:
+    """Vertices and faces without components farther than two spacings from every sample.
+
+    Returns also how many were removed. If all are, all are kept: the caller sees the distances.
+    """
+    faces, count = surface.faces, len(surface.vertices)
+    ones = np.ones(len(faces) * 2)
+    tail, head = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
+    graph = sparse.coo_array((ones, (tail, head)), shape=(count, count))
+    pieces, piece = connected_components(graph, directed=False)
+    distance = distance_within(samples, surface.vertices, FLOATER_SPACINGS * spacing)
+    near = np.zeros(pieces, dtype=bool)
+    near[piece[np.isfinite(distance)]] = True
+    if near.all() or not near.any():
+        return surface.vertices, faces, 0
+    keep = near[piece]
+    index = np.cumsum(keep) - 1
+    return surface.vertices[keep], index[faces[keep[faces[:, 0]]]], int((~near).sum())
+
+
+def finish(
+    vertices: Array,
+    faces: NDArray[np.int64],
+    gradient: Callable[[Array], NDArray[np.float32]],
+    similarity: Similarity,
+    colors: tuple[cKDTree, NDArray[np.uint8]] | None,
+) -> Mesh:
+    """The mesh in the input's frame, with ∇θ as vertex normals and the samples' colours."""
+    normals = unit_normals(gradient(vertices).astype(np.float64))
+    return Mesh(
+        vertices=similarity.to_input(vertices),
+        faces=faces,
+        normals=normals,
+        colors=None if colors is None else _interpolated(vertices, *colors),
+    )
+
+
+def _interpolated(
+    vertices: Array, samples: cKDTree, colors: NDArray[np.uint8]
+) -> NDArray[np.uint8]:
+    distance, index = nearest(samples, vertices, COLOR_NEIGHBOURS)
+    weight = 1 / np.maximum(distance, 1e-9)
+    weight /= weight.sum(1, keepdims=True)
+    mixed = np.einsum("vk,vkc->vc", weight, colors[index].astype(np.float64))
+    whole: NDArray[np.uint8] = np.rint(mixed).astype(np.uint8)
+    return whole

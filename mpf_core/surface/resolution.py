@@ -1,0 +1,32 @@
+"""How fine the grid must be, from what the samples can show."""
+
+from __future__ import annotations
+
+from mpf_core.cloud.neighbors import Neighborhoods
+from mpf_core.fit.initialize import Initialization
+from mpf_core.options import SurfaceOptions
+
+CELLS_PER_SPACING = 3.0  # finer cells than a third of the spacing show the network, not the data
+CELLS_PER_SHELL = 2.0  # a wall thinner than this is perforated by the grid
+SHEETS_FROM = 0.9  # share of samples that bound enclosed space below which there are sheets
+LOWEST, HIGHEST = 96, 512
+
+
+def choose_resolution(
+    options: SurfaceOptions, neighbours: Neighborhoods, start: Initialization | None
+) -> tuple[int, str]:
+    """Cells along the longest side (2 in normalised units), and why."""
+    if options.resolution is not None:
+        return options.resolution, "as asked"
+    cell, why = neighbours.median_spacing / CELLS_PER_SPACING, "three cells a sample spacing"
+    if start is not None and start.seeded < SHEETS_FROM:
+        shell = 2 * start.shell / CELLS_PER_SHELL
+        if shell < cell:
+            cell, why = shell, "two cells across the thin shell around open sheets"
+    wanted = round(2.0 / cell)
+    resolution = min(max(wanted, LOWEST), HIGHEST)
+    if resolution < wanted:
+        why += f", held to {HIGHEST}"
+    elif resolution > wanted:
+        why += f", raised to {LOWEST}"
+    return resolution, why
