@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,7 +115,10 @@ def experiment(
         rows.append(row)
         click.echo(_progress(row, len(rows), len(wanted)), err=True)
     about = suite.EXPERIMENTS[name]
-    command = shlex.join(["mpf", "experiment", *sys.argv[2:]])
+    asked = {"--budget": budget, "--seeds": seeds, "--preset": preset, "--only": only}
+    given = [f"{flag}={value}" for flag, value in asked.items() if value is not None]
+    quickly = ["--quick"] if quick else []
+    command = shlex.join(["mpf", "experiment", name, *quickly, *given])
     table = tables.markdown(about.title, rows, about.paper, command)
     write_atomically(directory / "table.md", table.encode())
     write_atomically(directory / "rows.json", json.dumps(rows, indent=2).encode())
