@@ -42,7 +42,8 @@ def main() -> None:
     given = sys.argv[1:]
     folders = [] if any(not a.startswith("-") for a in given) else ["out/fuzz"]
     Path("out/fuzz").mkdir(parents=True, exist_ok=True)
-    bounds = ["-timeout=2", "-rss_limit_mb=512", "-max_len=8192"]
+    words = Path(__file__).with_name("readers.dict")
+    bounds = ["-timeout=2", "-rss_limit_mb=512", "-max_len=8192", f"-dict={words}"]
     atheris.Setup([sys.argv[0], *bounds, *given, *folders, str(CORPUS)], one_input)
     atheris.Fuzz()
 
