@@ -57,17 +57,17 @@ def install(app: FastAPI) -> None:
 
 
 async def _on_problem(request: Request, error: Exception) -> Response:
-    assert isinstance(error, Problem)  # noqa: S101
+    assert isinstance(error, Problem)
     return respond(error, request)
 
 
 async def _on_core_error(request: Request, error: Exception) -> Response:
-    assert isinstance(error, MPFError)  # noqa: S101
+    assert isinstance(error, MPFError)
     return respond(problem_from(error), request)
 
 
 async def _on_invalid(request: Request, error: Exception) -> Response:
-    assert isinstance(error, RequestValidationError)  # noqa: S101
+    assert isinstance(error, RequestValidationError)
     first: Mapping[str, Any] = next(iter(error.errors()), {})
     place = ".".join(str(part) for part in first.get("loc", ()))
     detail = str(first.get("msg", "the request does not fit the contract"))
@@ -75,7 +75,7 @@ async def _on_invalid(request: Request, error: Exception) -> Response:
 
 
 async def _on_http(request: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)  # noqa: S101
+    assert isinstance(error, HTTPException)
     code = _BY_STATUS.get(error.status_code)
     if code is None:
         return await _on_anything(request, error)

@@ -92,12 +92,16 @@ class Settings(BaseSettings):
         default=0.25, gt=0, description="How often a fit asks whether it was cancelled, s."
     )
     cancel_grace_seconds: float = Field(
-        default=10.0,
+        default=0.7,
         gt=0,
-        description="Time a cancelled job has to end by itself before it is killed, s.",
+        description="Time a cancelled job has to end by itself before it is "
+        "killed; there is nothing of it to save, s.",
+    )
+    keep_grace_seconds: float = Field(
+        default=300.0, gt=0, description="The same where the surface so far is wanted, s."
     )
     heartbeat_seconds: float = Field(
-        default=2.0, ge=1.0, description="How often a worker renews the lease on its job, s."
+        default=1.0, gt=0, description="How often a worker renews the lease on its job, s."
     )
     lease_seconds: float = Field(
         default=20.0, gt=0, description="A lease not renewed for this long is taken away, s."

@@ -115,7 +115,6 @@ def settings_for(server: Server, folder: Path, **changes: Any) -> Settings:
         "data_dir": folder / "data",
         "heartbeat_seconds": 1.0,
         "lease_seconds": 4.0,
-        "cancel_grace_seconds": 2.0,
         "progress_seconds": 0.05,
         "cancel_poll_seconds": 0.05,
     }

@@ -29,12 +29,14 @@ class LeaseKeeper:
         kill: Callable[[], None],
         every: float,
         cancel_grace: float,
+        keep_grace: float,
     ):
         self._store = store
         self._lease = lease
         self._kill = kill
         self._every = every
-        self._cancel_grace = cancel_grace
+        self._grace = {"discard": cancel_grace, "keep": keep_grace}
+        self._pause = every
         self._cancelled_since: float | None = None
         self._started = False
         self._over = threading.Event()
@@ -49,7 +51,7 @@ class LeaseKeeper:
         self._thread.join(timeout=self._every + 10)
 
     def _keep(self) -> None:
-        while not self._over.wait(self._every):
+        while not self._over.wait(self._pause):
             try:
                 valid, cancel = self._store.renew(self._lease)
             except UNREACHABLE as error:
@@ -68,5 +70,7 @@ class LeaseKeeper:
             return self._started
         if not cancel:
             return False
+        grace = self._grace[cancel]
+        self._pause = min(self._every, grace)
         self._cancelled_since = self._cancelled_since or time.monotonic()
-        return time.monotonic() - self._cancelled_since > self._cancel_grace
+        return time.monotonic() - self._cancelled_since >= grace

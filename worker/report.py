@@ -24,7 +24,9 @@ class Reporter:
     """The `progress` and `cancel` callbacks of one attempt.
 
     `reason` says why the job was told to stop: "cancelled", "hand back" or "fenced" (the lease is
-    another's; whatever this process still does is lost).
+    another's; whatever this process still does is lost). A caller who wants to keep the surface so
+    far has only the fit ended: `cancel` says so once while it runs (a fit that is told to stop
+    returns what it has), and what follows goes on.
     """
 
     def __init__(
@@ -38,6 +40,8 @@ class Reporter:
         self._told_stage = ""
         self._asked_at = -math.inf
         self.reason = ""
+        self._keep = False
+        self._fit_ended = False
 
     def progress(self, progress: Progress) -> None:
         """Note the report, if enough time has passed or the stage has changed."""
@@ -67,6 +71,9 @@ class Reporter:
         if now - self._asked_at >= self._settings.cancel_poll_seconds:
             self._asked_at = now
             self._ask()
+        if self._keep and self._told_stage == "fit" and not self._fit_ended:
+            self._fit_ended = True
+            return True
         return bool(self.reason)
 
     def _ask(self) -> None:
@@ -81,7 +88,9 @@ class Reporter:
             self._heed(cancel)
 
     def _heed(self, cancel: str) -> None:
-        if cancel:
+        if cancel == "keep":
+            self._keep = True
+        elif cancel:
             self._stop("cancelled", cancel)
 
     def _stop(self, reason: str, why: str) -> None:

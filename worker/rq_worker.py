@@ -82,6 +82,7 @@ class MpfWorker(Worker):
             kill=self._kill_process,
             every=self.settings.heartbeat_seconds,
             cancel_grace=self.settings.cancel_grace_seconds,
+            keep_grace=self.settings.keep_grace_seconds,
         )
         with keeper:
             with contextlib.suppress(RedisError):

@@ -58,7 +58,7 @@ class UploadSink:
 
     def write(self, data: bytes) -> None:
         """Take the next bytes; raises Problem or MPFError as soon as the input is hopeless."""
-        assert self._file is not None  # noqa: S101  only used inside `with`
+        assert self._file is not None
         self._size += len(data)
         if self._size > self._limits.max_bytes:
             raise too_large(self._limits.max_bytes)
@@ -71,7 +71,7 @@ class UploadSink:
 
     def finish(self) -> Stored:
         """The body is complete."""
-        assert self._file is not None  # noqa: S101
+        assert self._file is not None
         header = peek(self._head, self._limits, size=self._size)
         self._file.flush()
         self._finished = True

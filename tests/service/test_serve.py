@@ -34,7 +34,7 @@ class Serving:
                 [*command, "--data-dir", str(data_dir)], stderr=log, env=environment
             )
         self.url = wait_for(self._url, 40, "mpf serve")
-        self.client = httpx2.Client(base_url=self.url, timeout=10)
+        self.client = httpx2.Client(base_url=self.url, timeout=60)
 
     def _url(self) -> str | None:
         assert self.process.poll() is None, self.log.read_text()

@@ -14,7 +14,7 @@ from starlette.testclient import TestClient
 from service.app import create_app
 from service.settings import Settings
 from tests.processes import alive, children_of
-from tests.services import form, running_worker, wait_for
+from tests.services import PATIENCE, form, running_worker, wait_for
 
 
 @pytest.fixture
@@ -76,12 +76,12 @@ def test_cancel_running_and_queued(client: TestClient, settings: Settings) -> No
         assert state_of(client, queued)["queue_position"] == 0
         assert client.post(f"/jobs/{queued}/cancel").json()["state"] == "cancelled"
         assert client.post(f"/jobs/{running}/cancel").status_code == 202
-        job = until(client, running, "cancelled", seconds=2)
+        job = until(client, running, "cancelled", seconds=2 / PATIENCE)
         assert job["problem"]["code"] == "cancelled"
         stubborn = submit(client, "stubborn.xyz")
         wait_for(lambda: state_of(client, stubborn)["progress"], 20, "progress")
         assert client.post(f"/jobs/{stubborn}/cancel").json()["cancelling"] is True
-        until(client, stubborn, "cancelled", seconds=settings.cancel_grace_seconds + 5)
+        until(client, stubborn, "cancelled", seconds=5)
 
 
 def test_memory_limit_fails_the_job_and_spares_the_worker(
