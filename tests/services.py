@@ -76,7 +76,7 @@ def wait_for(look: Callable[[], T], seconds: float, what: str) -> T:
             return found
         if time.monotonic() > deadline:
             raise AssertionError(f"{what}: not within {seconds} s")
-        time.sleep(0.02)
+        time.sleep(0.1)
 
 
 @pytest.fixture(scope="session")
@@ -114,6 +114,7 @@ def settings_for(server: Server, folder: Path, **changes: Any) -> Settings:
         "redis_url": server.url,
         "data_dir": folder / "data",
         "heartbeat_seconds": 1.0,
+        "job_nice": 0,
         "lease_seconds": 4.0,
         "progress_seconds": 0.05,
         "cancel_poll_seconds": 0.05,
