@@ -102,10 +102,10 @@ def _scanned(name: str, about: str, points: int, setup: _Scan) -> Sample:
 _ALL = (
     _scanned(
         "potted-plant",
-        "a clay pot with leaves of one layer, scanned from ten places, in colour",
-        48_000,
+        "a clay pot with leaves of one layer, scanned all around, in colour",
+        60_000,
         _Scan("potted-plant", 0.62, (1.25, 0.40, 1.06), 0.0004,
-              ring(6, 22) + ring(4, 52, start=30)),
+              ring(6, 22) + ring(4, 52, start=30) + ring(4, -30, start=15)),
     ),
     _scanned(
         "sailing-ship",
