@@ -67,6 +67,12 @@ class FitOptions:
         "closed (section Network Architecture).",
         expert=False,
     )
+    denoise: str = option(
+        "auto",
+        "Project samples onto locally fitted planes when they are measured to scatter about the "
+        "surface by as much as their spacing.",
+        choices=("auto", "off"),
+    )
     warm_start: bool = option(
         True, "Regress r and θ to a classical fit first; without it no CPU budget suffices."
     )
@@ -184,6 +190,7 @@ PRESETS: dict[str, Options] = {
         fit=FitOptions(
             max_iterations=10_000,
             time_budget=7 * 86_400.0,
+            denoise="off",
             warm_start=False,
             warm_fraction=0.0,
             omega=30.0,

@@ -16,15 +16,17 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from mpf_core.cloud.neighbors import Neighborhoods, analyse
+from mpf_core.cloud.denoise import denoise
+from mpf_core.cloud.neighbors import Neighborhoods, analyse, median_spacing
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.cloud.prepare import PrepareOptions, prepare
@@ -151,7 +153,12 @@ def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reco
     cloud = prepared.cloud
     similarity = Similarity.of(cloud.points)
     samples = similarity.to_normalised(cloud.points)
-    neighbours = analyse(samples, threads=threads)
+    cleaned = denoise(samples, seed=options.seed, threads=threads)
+    if options.fit.denoise == "off":
+        cleaned = replace(cleaned, points=samples, thinned=samples)
+    neighbours = analyse(cleaned.thinned, threads=threads)
+    input_tree = cKDTree(samples)
+    spacing = median_spacing(input_tree, threads)
 
     watch.enter("initialize")
     rng = np.random.default_rng(options.seed)
@@ -159,7 +166,7 @@ def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reco
     if options.fit.warm_start:
         start = initialize(neighbours, threads=threads)
         watch.check()
-        pools = warm_pools(neighbours, start, rng)
+        pools = warm_pools(cleaned.points, neighbours, start, rng)
     else:
         pools = paper_pools(neighbours, rng, threads=threads)
 
@@ -178,10 +185,8 @@ def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reco
     watch.enter("extract")
     resolution, reason = choose_resolution(options.surface, neighbours, start)
     surface, box = _extract(field, neighbours, resolution, watch)
-    vertices, faces, floaters = without_floaters(
-        surface, neighbours.tree, neighbours.median_spacing
-    )
-    painted = None if cloud.colors is None else (neighbours.tree, cloud.colors)
+    vertices, faces, floaters = without_floaters(surface, input_tree, spacing)
+    painted = None if cloud.colors is None else (input_tree, cloud.colors)
     mesh = finish(vertices, faces, gradient_of(field), similarity, painted)
 
     watch.enter("report")
@@ -191,7 +196,9 @@ def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reco
             "points": prepared.report.received,
             "used": prepared.report.kept,
             "notes": [*cloud.notes, *prepared.report.steps],
-            "spacing": similarity.length_to_input(neighbours.median_spacing),
+            "spacing": similarity.length_to_input(spacing),
+            "noise": similarity.length_to_input(cleaned.sigma),
+            "denoised": cleaned.points is not samples,
         },
         "frame": {"center": similarity.center.tolist(), "scale": similarity.scale},
         "fit": _fit_report(neighbours, start, log),

@@ -73,6 +73,13 @@ class Neighborhoods:
         return float((np.median(agreement, axis=1) > np.cos(np.radians(30))).mean())
 
 
+def median_spacing(tree: cKDTree, threads: int = -1, probes: int = 20_000) -> float:
+    """Median distance to the 6th neighbour, from at most `probes` evenly picked points."""
+    points = np.asarray(tree.data)
+    picked = points[:: max(1, len(points) // probes)]
+    return float(np.median(nearest(tree, picked, SPACING_NEIGHBOUR + 1, threads)[0][:, -1]))
+
+
 def analyse(points: Array, *, normal_neighbours: int = 16, threads: int = -1) -> Neighborhoods:
     """Neighbourhoods of all `points` (n, 3), at least 51 of them."""
     tree = cKDTree(points)
@@ -95,7 +102,7 @@ def analyse(points: Array, *, normal_neighbours: int = 16, threads: int = -1) ->
         out["band_radius"][part] = distance[:, NEAREST]
         out["links"][part] = index[:, 1 : LINKS + 1]
         k = normal_neighbours
-        values, vectors = _principal_axes(points[index[:, :k]], distance[:, :k])
+        values, vectors = principal_axes(points[index[:, :k]], distance[:, :k])
         out["normals"][part] = vectors[:, :, 0]
         out["tangents"][part] = vectors[:, :, 2]
         out["flatness"][part] = np.sqrt(
@@ -105,7 +112,7 @@ def analyse(points: Array, *, normal_neighbours: int = 16, threads: int = -1) ->
     return Neighborhoods(points=points, tree=tree, **out)
 
 
-def _principal_axes(patch: Array, distance: Array) -> tuple[Array, Array]:
+def principal_axes(patch: Array, distance: Array) -> tuple[Array, Array]:
     """Ascending eigenvalues and -vectors of weighted covariances of (m, k, 3) patches."""
     reach = 0.7 * distance[:, -1:]
     weight = np.exp(-((distance / np.maximum(reach, 1e-300)) ** 2))

@@ -44,6 +44,10 @@ class FreeSpace:
         """Whether each point lies in an unlabelled voxel beside enclosed space."""
         return self.near_inside[self._index(x)]
 
+    def position(self, index: Array) -> Array:
+        """Centres of voxels given by their indices (n, 3), normalised."""
+        return index * self.voxel - HALF_BOX
+
     def _index(self, x: Array) -> tuple[NDArray[np.int64], ...]:
         size = self.labels.shape[0]
         index = np.clip(np.rint((x + HALF_BOX) / self.voxel).astype(np.int64), 0, size - 1)
@@ -61,8 +65,13 @@ def flood(neighbours: Neighborhoods, *, resolution: int = 160) -> FreeSpace:
     labels = np.full(occupied.shape, SURFACE, dtype=np.int8)
     labels[component == outer] = OUTSIDE
     labels[enclosed[component]] = INSIDE
-    near = ndimage.binary_dilation(labels == INSIDE, iterations=3) & (labels == SURFACE)
-    return FreeSpace(labels, near, int(enclosed.sum()))
+    return FreeSpace(labels, beside_inside(labels), int(enclosed.sum()))
+
+
+def beside_inside(labels: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Voxels of discs within three of an enclosed one."""
+    near: NDArray[np.bool_] = ndimage.binary_dilation(labels == INSIDE, iterations=3)
+    return near & (labels == SURFACE)
 
 
 def _draw_discs(neighbours: Neighborhoods, resolution: int) -> NDArray[np.bool_]:

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpf_core.cloud.neighbors import Neighborhoods
+from mpf_core.fit.closure import close_gaps
 from mpf_core.fit.freespace import INSIDE, OUTSIDE, FreeSpace, flood
 from mpf_core.fit.localfit import LocalFit
 from mpf_core.fit.orientation import orient, outward_seeds
 
 FAR = 3.0  # local spacings beyond which the distance to the nearest sample is the better estimate
+MOSTLY_ENCLOSED = 0.5  # share of samples that bound enclosed space; below it, gaps are looked for
 SHELL = 0.004  # half thickness ε of the shell around a sheet, normalised units
 
 Array = NDArray[np.float64]
@@ -46,6 +48,12 @@ class Initialization:
     seeded: float
     shell: float
 
+    def normals_at(self, samples: Array) -> Array:
+        """(n, 3) oriented unit normals at samples (n, 3) on or close to the surface."""
+        if samples is self.local.neighbours.points:
+            return self.normals
+        return self.local.at(samples).normal
+
     def at(self, x: Array) -> Targets:
         """Targets at x (n, 3), normalised."""
         near = self.local.at(x)
@@ -68,5 +76,10 @@ def initialize(neighbours: Neighborhoods, *, threads: int = -1) -> Initializatio
     space = flood(neighbours)
     seeds = outward_seeds(neighbours, space)
     normals = orient(neighbours, seeds)
+    if (seeds != 0).mean() < MOSTLY_ENCLOSED:
+        closed = close_gaps(neighbours, normals, space)
+        if closed is not space:
+            space, seeds = closed, outward_seeds(neighbours, closed)
+            normals = orient(neighbours, seeds)
     local = LocalFit(neighbours, normals, threads)
     return Initialization(local, space, normals, float((seeds != 0).mean()), SHELL)

@@ -25,7 +25,7 @@ from mpf_core.fit.initialize import Initialization
 BOX = 1.1  # Ω = [-BOX, BOX]³
 CHUNK = 100_000
 POOL = 600_000
-BAND_SPACINGS = 0.5  # δ in local-fit distance, over the median spacing
+BAND_SPACINGS = 0.25  # δ in local-fit distance, over the median spacing
 BAND_SHELLS = 3.0  # and at least this many half thicknesses of the shell
 
 Array = NDArray[np.float64]
@@ -92,13 +92,17 @@ def paper_pools(
 
 
 def warm_pools(
+    samples: Array,
     neighbours: Neighborhoods,
     initialization: Initialization,
     rng: np.random.Generator,
     *,
     size: int = POOL,
 ) -> Pools:
-    """The sets with a warm start: one pool with targets, parted at δ."""
+    """The sets with a warm start: one pool with targets, parted at δ.
+
+    samples: (n, 3) where the surface terms are asked for; `neighbours` may be of a thinned cloud.
+    """
     delta = max(BAND_SPACINGS * neighbours.median_spacing, BAND_SHELLS * initialization.shell)
     parts = [int(size * share) for share in (0.30, 0.30, 0.20, 0.20)]
     x = np.concatenate(
@@ -120,8 +124,8 @@ def warm_pools(
     outside_band = start.r >= delta
     uniform = torch.arange(len(x)) >= len(x) - parts[3]
     return Pools(
-        surface=_tensor(neighbours.points),
-        normals=_tensor(initialization.normals),
+        surface=_tensor(samples),
+        normals=_tensor(initialization.normals_at(samples)),
         near=_where(start, ~outside_band & (start.r > 0)),
         far=_where(start, outside_band),
         ambient=_where(start, outside_band & uniform),

@@ -21,7 +21,8 @@ RELIABLE_NORMALS = 0.8  # share of agreeing PCA normals from which the normal te
 REPORT_EVERY = 20  # iterations between two progress reports
 REGRESSION_ALONE = 0.8  # share of the warm start before the paper's terms join
 RETRIES = 3  # at half the rates each, after the loss stopped being finite
-TIMED = (5, 25)  # iterations between which the speed is measured
+REHEARSALS = 5  # steps, spread over the fit, that are timed before the schedule is laid out
+RESERVE = 0.97  # of the time left is planned for; the rest is for steps slower than rehearsed
 
 Clock = Callable[[], float]
 
@@ -117,8 +118,8 @@ class Trainer:
         cancel: CancelCheck | None,
     ) -> bool:
         """True when the fit ended as planned, by the clock or by cancel; False on divergence."""
-        begin = timed = clock()
-        planned = self.options.max_iterations
+        begin = clock()
+        planned = self.plan(clock, deadline)
         iteration = 0
         stopped_by = "iterations"
         while iteration < planned:
@@ -128,11 +129,6 @@ class Trainer:
             if clock() >= deadline:
                 stopped_by = "clock"
                 break
-            if iteration == TIMED[0]:
-                timed = clock()
-            elif iteration == TIMED[1]:
-                per_step = (clock() - timed) / (TIMED[1] - TIMED[0])
-                planned = self._plan(iteration, per_step, deadline - clock())
             done = iteration / planned
             stage = self.stage(done)
             terms = self.step(stage, done, iteration)
@@ -168,10 +164,27 @@ class Trainer:
         self.optimizer.step(done, iteration)
         return terms
 
-    def _plan(self, iteration: int, per_step: float, left: float) -> int:
-        """As many iterations as fit into the time left, at most the cap."""
-        affordable = iteration + int(0.95 * left / max(per_step, 1e-9))
-        return max(iteration + 1, min(self.options.max_iterations, affordable))
+    def plan(self, clock: Clock, deadline: float) -> int:
+        """As many iterations as fit before the deadline, at most the cap.
+
+        The schedule is laid out once, from steps rehearsed at moments spread over the fit, so that
+        a run depends on the clock through one number only.
+        """
+        moments = [(i + 0.5) / REHEARSALS for i in range(REHEARSALS)]
+        for done in moments:  # the first steps allocate; they are slower and not timed
+            self.rehearse(done)
+        begin = clock()
+        for done in moments:
+            self.rehearse(done)
+        per_step = max((clock() - begin) / REHEARSALS, 1e-9)
+        affordable = int(RESERVE * (deadline - clock()) / per_step)
+        return max(1, min(self.options.max_iterations, affordable))
+
+    def rehearse(self, done: float) -> None:
+        """A step whose gradients are not applied."""
+        stage = self.stage(done)
+        self.objective.total(self.objective.terms(stage), stage).backward()  # type: ignore[no-untyped-call]
+        self.optimizer.zero_grad()
 
     def _entry(
         self, iteration: int, planned: int, seconds: float, terms: dict[str, Tensor], stage: Stage

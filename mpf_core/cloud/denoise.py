@@ -1,0 +1,96 @@
+"""Noise measured and taken off: samples moved onto the plane of a neighbourhood large enough.
+
+Where the samples scatter across the surface by as much as their spacing, neighbourhoods of fixed
+size see a ball, not a plane. The neighbourhood is enlarged until it looks flat; samples are then
+projected onto its weighted plane (one step of moving least squares, Levin 2003), and thinned to
+the spacing that their noise allows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mpf_core.cloud.neighbors import CHUNK, nearest, principal_axes
+
+SIZES = (16, 30, 50, 100, 160)  # neighbours tried
+FLAT = 0.4  # median spread across over spread along the surface that counts as flat
+PROBES = 2000  # samples at which sizes are judged
+ROUNDS = 2
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Denoised:
+    """The samples as later rooms use them, in the frame given.
+
+    points: (n, 3) projected samples; the input itself when no noise was found
+    thinned: (m, 3) a subset-sized cloud at the spacing that the noise allows
+    neighbours: size of the neighbourhoods; sigma: spread of the input about the surface
+    """
+
+    points: Array
+    thinned: Array
+    neighbours: int
+    sigma: float
+
+
+def denoise(points: Array, *, seed: int = 0, threads: int = -1) -> Denoised:
+    """Measure the noise of `points` (n, 3) and take it off; clean clouds pass unchanged."""
+    tree = cKDTree(points)
+    probe = np.random.default_rng(seed).permutation(len(points))[:PROBES]
+    size, sigma = _flat_neighbourhood(points, tree, probe, threads)
+    if size == SIZES[0]:
+        return Denoised(points, points, size, sigma)
+    moved = points
+    for _ in range(ROUNDS):
+        moved = _projected(moved, size, threads)
+    thinned = _thin(moved, size / SIZES[0], threads)
+    return Denoised(moved, thinned, size, sigma)
+
+
+def _flat_neighbourhood(
+    points: Array, tree: cKDTree, probe: NDArray[np.int64], threads: int
+) -> tuple[int, float]:
+    sizes = [size for size in SIZES if size <= len(points) // 8] or [SIZES[0]]
+    best = (np.inf, sizes[0], 0.0)
+    for size in sizes:
+        distance, index = nearest(tree, points[probe], size, threads)
+        values, _ = principal_axes(points[index], distance)
+        across = np.sqrt(np.maximum(values[:, 0], 0))
+        flatness = float(np.median(across / np.sqrt(np.maximum(values[:, 1], 1e-300))))
+        # Growth must pay: curvature also stops neighbourhoods from getting flat.
+        if flatness < 0.9 * best[0]:
+            best = (flatness, size, float(np.median(across)))
+        if flatness < FLAT:
+            break
+    return best[1], best[2]
+
+
+def _projected(points: Array, size: int, threads: int) -> Array:
+    tree, moved = cKDTree(points), np.empty_like(points)
+    for start in range(0, len(points), CHUNK // 4):
+        part = slice(start, start + CHUNK // 4)
+        distance, index = nearest(tree, points[part], size, threads)
+        patch = points[index]
+        weight = np.exp(-((distance / (0.7 * np.maximum(distance[:, -1:], 1e-300))) ** 2))
+        weight /= weight.sum(1, keepdims=True)
+        centre = np.einsum("mk,mki->mi", weight, patch)
+        normal = principal_axes(patch, distance)[1][:, :, 0]
+        height = np.einsum("mi,mi->m", centre - points[part], normal)
+        moved[part] = points[part] + height[:, None] * normal
+    return moved
+
+
+def _thin(points: Array, factor: float, threads: int) -> Array:
+    """About n / factor points: the means of voxels at the matching spacing."""
+    distance, _ = nearest(cKDTree(points), points, 7, threads)
+    edge = float(np.median(distance[:, 6])) * np.sqrt(factor / 2)
+    _, cell = np.unique(np.floor(points / edge).astype(np.int64), axis=0, return_inverse=True)
+    cell = cell.ravel()
+    count = np.bincount(cell)
+    return np.stack([np.bincount(cell, points[:, i]) / count for i in range(3)], axis=1)
