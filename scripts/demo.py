@@ -145,16 +145,31 @@ def follow(url: str, job: Job) -> Job:
     """GET /jobs/{id} until the job has ended; the succeeded job."""
     _say(f"GET {job['links']['self']} until it has ended")
     line = ProgressLine()
-    while job["state"] in ("queued", "running"):
-        line.show(job)
-        time.sleep(POLL_SECONDS)
-        job = json.loads(_answer(f"{url}{job['links']['self']}"))
+    try:
+        while job["state"] in ("queued", "running"):
+            line.show(job)
+            time.sleep(POLL_SECONDS)
+            job = json.loads(_answer(f"{url}{job['links']['self']}"))
+    except (KeyboardInterrupt, SystemExit):
+        line.end()
+        cancel(url, job)
+        raise
     line.end()
     if job["state"] != "succeeded":
         problem = job["problem"] or {}
         advice = problem.get("advice") or ""
         raise DemoFailed(f"the job {job['state']}: {problem.get('detail', '')} {advice}".strip())
     return job
+
+
+def cancel(url: str, job: Job) -> None:
+    """POST /jobs/{id}/cancel, and wait, so that the service has nothing to hand back."""
+    _say(f"POST {job['links']['cancel']}")
+    try:
+        _answer(Request(f"{url}{job['links']['cancel']}", method="POST"))  # noqa: S310
+        _answer(f"{url}{job['links']['self']}?wait=10")
+    except DemoFailed as error:
+        _say(f"{error}; the service is stopped all the same")
 
 
 def fetch(url: str, job: Job, out: Path) -> None:
