@@ -132,7 +132,7 @@ class FitOptions:
     weight_eik_phi: float = option(0.007, "Topological Eikonal, eq. eik_phi.", low=0.0)
     weight_lap: float = option(0.0004, "Laplacian, eq. lap.", low=0.0)
     weight_phase: float = option(
-        0.1,
+        0.03,
         "Phase saturation, eq. phase_sat. The paper's 0.002 lets the second wall of a shell drift "
         "away within the iterations that a CPU affords.",
         low=0.0,

@@ -31,7 +31,7 @@ from mpf_core.cloud.normalize import Similarity
 from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.cloud.prepare import PrepareOptions, prepare
 from mpf_core.cloud.reader import read_cloud
-from mpf_core.errors import Cancelled
+from mpf_core.errors import Cancelled, ResolutionTooHigh
 from mpf_core.field import MetricPhaseField
 from mpf_core.field.fitted import field_of, gradient_of, theta_of
 from mpf_core.files import write_atomically
@@ -184,7 +184,8 @@ def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reco
 
     watch.enter("extract")
     resolution, reason = choose_resolution(options.surface, neighbours, start)
-    surface, box = _extract(field, neighbours, resolution, watch)
+    asked = options.surface.resolution is not None
+    surface, box, resolution = _extract(field, neighbours, resolution, asked, watch)
     vertices, faces, floaters = without_floaters(surface, input_tree, spacing)
     painted = None if cloud.colors is None else (input_tree, cloud.colors)
     mesh = finish(vertices, faces, gradient_of(field), similarity, painted)
@@ -219,13 +220,26 @@ def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reco
 
 
 def _extract(
-    field: MetricPhaseField, neighbours: Neighborhoods, resolution: int, watch: Watch
-) -> tuple[Isosurface, NDArray[np.float64]]:
+    field: MetricPhaseField,
+    neighbours: Neighborhoods,
+    resolution: int,
+    asked: bool,
+    watch: Watch,
+) -> tuple[Isosurface, NDArray[np.float64], int]:
     low, high = neighbours.points.min(0) - PADDING, neighbours.points.max(0) + PADDING
-    grid = Grid.around(low, high, resolution)
     reach = neighbours.median_spacing
-    surface = extract(theta_of(field), grid, neighbours.tree, reach=reach, cancel=watch.cancel)
-    return surface, np.stack([low, high])
+    while True:
+        grid = Grid.around(low, high, resolution)
+        try:
+            surface = extract(
+                theta_of(field), grid, neighbours.tree, reach=reach, cancel=watch.cancel
+            )
+        except ResolutionTooHigh:
+            if asked:
+                raise
+            resolution = resolution * 3 // 4  # chosen by us: a coarser surface beats none
+        else:
+            return surface, np.stack([low, high]), resolution
 
 
 def _fit_report(

@@ -71,7 +71,8 @@ def flood(neighbours: Neighborhoods, *, resolution: int = 160) -> FreeSpace:
 def beside_inside(labels: NDArray[np.int8]) -> NDArray[np.bool_]:
     """Voxels of discs within three of an enclosed one."""
     near: NDArray[np.bool_] = ndimage.binary_dilation(labels == INSIDE, iterations=3)
-    return near & (labels == SURFACE)
+    beside: NDArray[np.bool_] = near & (labels == SURFACE)
+    return beside
 
 
 def _draw_discs(neighbours: Neighborhoods, resolution: int) -> NDArray[np.bool_]:

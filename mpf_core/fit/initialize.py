@@ -21,7 +21,9 @@ from mpf_core.fit.orientation import orient, outward_seeds
 
 FAR = 3.0  # local spacings beyond which the distance to the nearest sample is the better estimate
 MOSTLY_ENCLOSED = 0.5  # share of samples that bound enclosed space; below it, gaps are looked for
-SHELL = 0.004  # half thickness ε of the shell around a sheet, normalised units
+# Half thickness ε of the shell around a sheet, normalised units. At 0.004 a tenth of a noisy helmet
+# is lost after 1000 steps, at 0.006 a thousandth; the fit ends thinner where the data allow.
+SHELL = 0.006
 
 Array = NDArray[np.float64]
 

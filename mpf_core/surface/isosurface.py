@@ -25,7 +25,7 @@ from mpf_core.surface import cubes
 COARSEST = 16.0  # finest cells per coarsest cell: coarse enough to be cheap, fine enough to see
 SAFETY = 1.25
 MEMORY_LIMIT = 6 * 2**30  # bytes
-BYTES_PER_CELL = 900  # measured peak of the whole extraction over cells that the surface crosses
+BYTES_PER_CELL = 450  # peak of the evaluation of one level over its candidate cells
 BITS = 20  # per coordinate in a vertex key: grids up to 2²⁰ cells a side
 
 Evaluate = Callable[[NDArray[np.float64]], NDArray[np.float32]]
@@ -160,15 +160,14 @@ def _children(cells: Cells, size: int) -> Cells:
 
 
 def _check_memory(count: int, size: int, grid: Grid, limit: int) -> None:
-    # The surface passes about four times as many cells at each halving.
-    expected = count / 8 * 4 ** np.log2(size) if size > 1 else count / 4
-    needed = expected * BYTES_PER_CELL
+    # Each halving of the cells multiplies those near a surface by four.
+    needed = count * 4 ** np.log2(size) * BYTES_PER_CELL
     if needed > limit:
-        resolution = int(grid.shape.max() * np.sqrt(limit / needed))
+        fits = int(grid.shape.max() * (limit / needed) ** 0.5)
         raise ResolutionTooHigh(
             f"the grid of {grid.shape.max()} cells needs about {needed / 2**30:.1f} GiB",
             where="resolution",
-            advice=f"The largest that fits is about {resolution}.",
+            advice=f"The largest that fits is about {fits}.",
         )
 
 
