@@ -19,9 +19,10 @@ from service.operations.routes import router as operations
 from service.responses import describe
 from service.settings import Settings
 from service.state import build_state
+from service.uploads.routes import router as inspection
 from service.webhooks.routes import router as webhooks
 
-UPLOAD_PATHS = frozenset({("POST", "/jobs")})
+UPLOAD_PATHS = frozenset({("POST", "/jobs"), ("POST", "/inspect")})
 
 
 def create_app(settings: Settings) -> FastAPI:
@@ -57,7 +58,7 @@ def create_app(settings: Settings) -> FastAPI:
             allow_headers=["Authorization", "Content-Type", "Idempotency-Key", "Last-Event-ID"],
             expose_headers=["Location", "Retry-After", "ETag"],
         )
-    for router in (jobs, events, artifacts, shares, webhooks, operations):
+    for router in (jobs, inspection, events, artifacts, shares, webhooks, operations):
         app.include_router(router)
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     return app

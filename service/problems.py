@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import mpf_core.cloud.errors  # noqa: F401  so that its codes are in the catalogue
 from mpf_core.errors import InputError, MPFError, TooLarge
 
 MEDIA_TYPE = "application/problem+json"
@@ -34,6 +35,7 @@ SERVICE_KINDS: dict[str, Kind] = {
     "access.denied": Kind(401, "An API key is needed"),
     "access.host": Kind(421, "The request is for another host"),
     "access.origin": Kind(403, "The request comes from another origin"),
+    "input.not_inspected": Kind(422, "The input could not be inspected within the limits"),
     "rate.exceeded": Kind(429, "Too many requests"),
     "quota.jobs": Kind(429, "Too many jobs at the same time"),
     "share.not_found": Kind(404, "There is no such share"),

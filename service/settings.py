@@ -42,6 +42,9 @@ class Settings(BaseSettings):
         gt=0,
         description="Longest such check; an input that takes longer is accepted, s.",
     )
+    inspect_seconds: float = Field(
+        default=60.0, gt=0, description="Longest inspection of an input by POST /inspect, s."
+    )
     queue_length: int = Field(
         default=1000, ge=1, description="Queued jobs above which POST answers 503."
     )

@@ -11,7 +11,13 @@ from pydantic import BaseModel, ConfigDict, Field
 from mpf_core.options import options_schema
 from service.jobs.index_store import Place
 from service.jobs.model import Input, Job, JobProgress, JobState
-from service.problems import Problem
+from service.problems import Problem, catalogue
+
+
+_CODES: dict[str, Any] = {
+    "enum": sorted(catalogue()),
+    "x-enum-descriptions": [catalogue()[code].title for code in sorted(catalogue())],
+}
 
 
 class ProblemOut(BaseModel):
@@ -23,7 +29,7 @@ class ProblemOut(BaseModel):
     title: str
     status: int
     detail: str
-    code: str
+    code: str = Field(json_schema_extra=_CODES)
     where: str | None = None
     advice: str | None = None
     instance: str | None = None

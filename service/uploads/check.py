@@ -1,8 +1,9 @@
-"""The content of an input, read before the 202 by a process that may fail alone.
+"""The content of an input, read by a process that may fail alone.
 
 The parent starts `python -m service.uploads.check`, which reads the cloud under limits on memory
-and time and prints one JSON line. No verdict in time, or none at all, accepts the input: the job
-reads it again and ends as `failed` with the same code if it must.
+and time and prints one JSON line. POST /jobs asks for a `verdict` before the 202; none in time, or
+none at all, accepts the input: the job reads it again and ends as `failed` with the same code if it
+must. POST /inspect asks for all that the reader found.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import resource
 import subprocess
 import sys
 import threading
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from service.problems import Problem, catalogue
@@ -34,25 +35,41 @@ def check_content(stored: Stored, settings: Settings) -> int | None:
     if stored.bytes > settings.content_check_bytes:
         return declared
     with _turn:
-        verdict = _ask(stored.path, settings.max_points, settings.content_check_seconds)
-    if verdict is None:
-        return declared
-    if "code" in verdict:
-        raise _problem(verdict)
-    return int(verdict["points"])
+        verdict = _ask("verdict", stored, settings, settings.content_check_seconds)
+    return declared if verdict is None else int(verdict["points"])
 
 
-def _ask(path: Path, max_points: int, seconds: float) -> dict[str, Any] | None:
-    command = [sys.executable, "-m", "service.uploads.check", str(path), str(max_points)]
+def inspect_content(stored: Stored, settings: Settings) -> dict[str, Any]:
+    """`Inspection.as_dict()` of the input; raises Problem where there is none."""
+    with _turn:
+        found = _ask("inspection", stored, settings, settings.inspect_seconds)
+    if found is None:
+        raise Problem(
+            "input.not_inspected",
+            f"the inspection did not end within {settings.inspect_seconds:g} s and its memory",
+            advice="Use `mpf inspect` on a machine of your own, or submit the input as a job.",
+        )
+    return found | {"file": PurePosixPath(stored.name.replace("\\", "/")).name}
+
+
+def _ask(what: str, stored: Stored, settings: Settings, seconds: float) -> dict[str, Any] | None:
+    """The answer to "verdict" or "inspection", None without one; raises what the reader says."""
+    limits = [str(settings.max_points), str(settings.upload_bytes)]
+    command = [sys.executable, "-m", "service.uploads.check", what, str(stored.path)]
+    command += limits
     try:
         done = subprocess.run(  # noqa: S603  our own module, a path we chose
             command, capture_output=True, timeout=seconds, check=False, stdin=subprocess.DEVNULL
         )
-        verdict = json.loads(done.stdout)
+        answer = json.loads(done.stdout)
     except (subprocess.TimeoutExpired, ValueError) as error:
-        log.warning("content check without verdict: %s", type(error).__name__)
+        log.warning("content check without %s: %s", what, type(error).__name__)
         return None
-    return verdict if isinstance(verdict, dict) else None
+    if not isinstance(answer, dict):
+        return None
+    if "code" in answer:
+        raise _problem(answer)
+    return answer
 
 
 def _problem(verdict: dict[str, Any]) -> Problem:
@@ -60,18 +77,25 @@ def _problem(verdict: dict[str, Any]) -> Problem:
     return Problem(code, verdict["message"], where=verdict["where"], advice=verdict["advice"])
 
 
-def main(path: str, max_points: str) -> None:
+def main(what: str, path: str, max_points: str, max_bytes: str) -> None:
     """In the child: read, judge, print."""
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
+    from mpf_core.cloud.inspection import inspect_cloud
+    from mpf_core.cloud.limits import Limits
     from mpf_core.errors import InputError
     from service.uploads.header import require_usable
 
+    answer: dict[str, Any]
     try:
-        verdict: dict[str, Any] = {"points": require_usable(Path(path), int(max_points))}
+        if what == "inspection":
+            limits = Limits(max_bytes=int(max_bytes), max_points=int(max_points))
+            answer = inspect_cloud(path, limits=limits).as_dict()
+        else:
+            answer = {"points": require_usable(Path(path), int(max_points))}
     except InputError as error:
-        verdict = dict(error.as_dict())
-    sys.stdout.write(json.dumps(verdict))
+        answer = dict(error.as_dict())
+    sys.stdout.write(json.dumps(answer))
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:3])
+    main(*sys.argv[1:5])
