@@ -7,7 +7,7 @@ from mpf_core.fit.initialize import Initialization
 from mpf_core.options import SurfaceOptions
 
 CELLS_PER_SPACING = 3.0  # finer cells than a third of the spacing show the network, not the data
-CELLS_PER_SHELL = 2.0  # a wall thinner than this is perforated by the grid
+CELLS_PER_SHELL = 3.0  # at two, a shell that the fit left a little thinner is perforated
 SHEETS_FROM = 0.9  # share of samples that bound enclosed space below which there are sheets
 LOWEST, HIGHEST = 96, 512
 
@@ -22,7 +22,7 @@ def choose_resolution(
     if start is not None and start.seeded < SHEETS_FROM:
         shell = 2 * start.shell / CELLS_PER_SHELL
         if shell < cell:
-            cell, why = shell, "two cells across the thin shell around open sheets"
+            cell, why = shell, "three cells across the thin shell around open sheets"
     wanted = round(2.0 / cell)
     resolution = min(max(wanted, LOWEST), HIGHEST)
     if resolution < wanted:
