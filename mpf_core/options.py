@@ -303,7 +303,8 @@ def _checked(declared: Field[Any], value: Any) -> Any:
     if value is None and optional:
         return None
     if kind == "float" and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+        # A whole number too large for a float is as far out of range as infinity.
+        value = float(value) if abs(value) < 2**1023 else math.inf
     expected = {"int": int, "float": float, "str": str, "bool": bool}[kind]
     if not isinstance(value, expected) or (kind == "int" and isinstance(value, bool)):
         raise OptionsError(
