@@ -1,0 +1,83 @@
+"""The warm start's targets against exact distances of solids and thin shells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mpf_core.fit.initialize import SHELL, Initialization
+from tests.mpf_core.fit.conftest import RADIUS
+
+Start = Callable[[str], Initialization]
+
+
+def uniform(count: int = 4000) -> NDArray[np.float64]:
+    return np.random.default_rng(5).uniform(-1.1, 1.1, size=(count, 3))
+
+
+def test_targets_of_a_sphere_are_its_distance(start: Start) -> None:
+    x = uniform()
+    exact = np.linalg.norm(x, axis=1) - RADIUS
+    targets = start("sphere").at(x)
+    spacing = start("sphere").local.neighbours.median_spacing
+    # Far away the nearest sample stands in for the surface, less the shell.
+    assert np.abs(targets.theta - exact).max() < 0.5 * spacing + SHELL
+    assert np.abs(targets.r - np.abs(exact)).max() < 0.5 * spacing
+    near = np.abs(exact) < 0.02
+    assert np.abs(targets.r - np.abs(exact))[near].max() < 1e-3
+    assert (targets.r >= 0).all()
+    off = np.abs(exact) > 2 * SHELL
+    assert (np.sign(targets.theta) == np.sign(exact))[off].all()
+
+
+def test_sides_are_known_away_from_the_samples(start: Start) -> None:
+    x = uniform()
+    exact = np.linalg.norm(x, axis=1) - RADIUS
+    side = start("sphere").at(x).side
+    assert set(np.unique(side)) <= {-1.0, 0.0, 1.0}
+    off = np.abs(exact) > 0.2
+    assert (side[off] == np.sign(exact[off])).all()
+
+
+def test_a_sheet_becomes_a_closed_shell_through_the_samples(start: Start) -> None:
+    plate = start("plane")
+    points, normals = plate.local.neighbours.points, plate.normals
+    inner = (np.abs(points[:, :2]) < 0.7).all(axis=1)
+    at = points[inner]
+    for depth, theta in (
+        (0.0, 0.0),
+        (SHELL, -SHELL),
+        (2 * SHELL, 0.0),
+        (0.5 * SHELL, -0.5 * SHELL),
+    ):
+        found = plate.at(at - depth * normals[inner])
+        assert found.theta == pytest.approx(theta, abs=2e-4)
+        assert found.r == pytest.approx(depth, abs=2e-4)
+    above = plate.at(at + 0.02 * normals[inner])
+    assert above.theta == pytest.approx(0.02, abs=5e-4)
+
+
+def test_beyond_the_rim_a_sheet_is_over(start: Start) -> None:
+    out = np.array([[1.05, 0.0, 0.21], [0.0, -1.05, 0.0], [1.0, 1.0, 0.2]])
+    targets = start("plane").at(out)
+    assert (targets.theta > 0.05).all()
+    assert (targets.r > 0.05).all()
+
+
+def test_an_open_bowl_holds_nothing(start: Start) -> None:
+    bowl = start("hemisphere")
+    x = np.array([[0.0, 0.0, 0.3], [0.2, 0.1, 0.5], [0.0, 0.0, -0.5]])
+    targets = bowl.at(x)
+    assert (targets.theta > 0).all()
+    assert (targets.side == 1).all()
+
+
+def test_normals_at_samples_are_those_of_the_start(start: Start) -> None:
+    sphere = start("sphere")
+    points = sphere.local.neighbours.points
+    assert sphere.normals_at(points) is sphere.normals
+    moved = sphere.normals_at(points * 1.001)
+    assert np.einsum("ni,ni->n", moved, points / RADIUS).min() > 0.99

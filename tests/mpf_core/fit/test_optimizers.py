@@ -1,0 +1,125 @@
+"""Muon's orthogonalised steps, the shared schedule, and who moves which parameter."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from mpf_core.field import MetricPhaseField
+from mpf_core.fit.optimizers import LAST_RATE, WARM_UP, Muon, Optimizer, schedule
+from mpf_core.options import options_from
+
+
+def random(*shape: int, seed: int = 0) -> Tensor:
+    return torch.randn(shape, generator=torch.Generator().manual_seed(seed))
+
+
+def made(**changes: object) -> tuple[MetricPhaseField, Optimizer]:
+    field = MetricPhaseField(width=16, generator=torch.Generator().manual_seed(0))
+    return field, Optimizer(field, options_from(changes).fit)
+
+
+def fill_gradients(field: MetricPhaseField, size: float = 1.0) -> None:
+    for number, parameter in enumerate(field.parameters()):
+        parameter.grad = size * random(*parameter.shape, seed=number)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_singular_values_of_a_step_are_near_one(scale: float) -> None:
+    matrices = [nn.Parameter(torch.zeros(48, 48)) for _ in range(3)]
+    for seed, matrix in enumerate(matrices):
+        matrix.grad = scale * random(48, 48, seed=seed)
+    Muon(matrices).step(0.1)
+    for matrix in matrices:
+        values = torch.linalg.svdvals(matrix.detach()) / 0.1
+        # The quintic of Jordan et al. lands between 0.7 and 1.2; the smallest lag behind.
+        assert values.max() < 1.25
+        assert values.median() > 0.7
+        assert (values > 0.5).float().mean() > 0.9
+
+
+def test_a_step_goes_down_the_gradient() -> None:
+    matrix = nn.Parameter(torch.zeros(20, 20))
+    matrix.grad = random(20, 20)
+    Muon([matrix]).step(0.1)
+    assert (matrix.detach() * matrix.grad).sum() < 0
+
+
+def test_an_orthogonal_gradient_keeps_its_directions() -> None:
+    q, _ = torch.linalg.qr(random(24, 24))
+    matrix = nn.Parameter(torch.zeros(24, 24))
+    matrix.grad = q
+    Muon([matrix]).step(1.0)
+    cosine = -(matrix.detach() * q).sum() / (matrix.detach().norm() * q.norm())
+    assert cosine > 0.999
+
+
+def test_a_gradient_of_zero_moves_nothing() -> None:
+    matrix = nn.Parameter(torch.ones(8, 8))
+    matrix.grad = torch.zeros(8, 8)
+    Muon([matrix]).step(0.1)
+    assert torch.equal(matrix.detach(), torch.ones(8, 8))
+
+
+def test_the_cosine_warms_up_falls_and_never_reaches_zero() -> None:
+    assert schedule("cosine", 0.0, 0) == pytest.approx(0.05)
+    assert schedule("cosine", 0.0, WARM_UP) == 1
+    assert schedule("cosine", 0.5, 1000) == pytest.approx(0.5)
+    assert schedule("cosine", 1.0, 1000) == LAST_RATE
+    later = [schedule("cosine", done / 100, 1000) for done in range(101)]
+    assert all(a >= b for a, b in pairwise(later))
+    early = [schedule("cosine", 0.0, iteration) for iteration in range(WARM_UP)]
+    assert all(a < b for a, b in pairwise(early))
+
+
+def test_the_constant_schedule_is_constant() -> None:
+    assert {schedule("constant", done / 9, 7 * done) for done in range(10)} == {1.0}
+
+
+@pytest.mark.parametrize("kind", ["adam", "muon"])
+def test_every_parameter_is_moved_once(kind: str) -> None:
+    field, optimizer = made(optimizer=kind)
+    before = [p.detach().clone() for p in field.parameters()]
+    fill_gradients(field)
+    optimizer.step(0.5, 1000)
+    for old, new in zip(before, field.parameters(), strict=True):
+        assert not torch.equal(old, new)
+    held = {id(p) for group in optimizer.adam.param_groups for p in group["params"]}
+    turned = {id(p) for p in field.siren.square_matrices()}
+    assert held & turned == (turned if kind == "adam" else set())
+    optimizer.zero_grad()
+    assert all(p.grad is None for p in field.parameters())
+
+
+def test_beta_has_a_rate_of_its_own_that_does_not_decay() -> None:
+    field, optimizer = made(beta_learning_rate=1e-4)
+    for done in (0.0, 0.99):
+        before = field.beta.item()
+        field.beta.grad = torch.tensor(1.0)
+        fill_gradients(field)
+        field.beta.grad = torch.tensor(1.0)
+        optimizer.step(done, 1000)
+        assert before - field.beta.item() == pytest.approx(1e-4, rel=0.1)
+
+
+def test_slowdown_halves_the_steps() -> None:
+    moved = []
+    for slowdown in (1.0, 0.5):
+        field = MetricPhaseField(width=16, generator=torch.Generator().manual_seed(0))
+        optimizer = Optimizer(field, options_from({}).fit, slowdown)
+        before = field.siren.shared_weight.detach().clone()
+        fill_gradients(field)
+        optimizer.step(0.0, 1000)
+        moved.append((field.siren.shared_weight.detach() - before).norm().item())
+    assert moved[1] == pytest.approx(moved[0] / 2, rel=1e-4)
+
+
+def test_the_whole_gradient_is_clipped() -> None:
+    field, optimizer = made(optimizer="adam", gradient_clip=1e-3)
+    fill_gradients(field, 1e3)
+    optimizer.step(0.0, 1000)
+    whole = torch.cat([p.grad.flatten() for p in field.parameters() if p.grad is not None])
+    assert whole.norm().item() == pytest.approx(1e-3, rel=1e-3)
