@@ -73,6 +73,13 @@ class FitOptions:
         "surface by as much as their spacing.",
         choices=("auto", "off"),
     )
+    outlier_sigma: float | None = option(
+        None,
+        "Leave out samples whose mean distance to 16 neighbours is more than so many standard "
+        "deviations above the mean; all are kept if not given.",
+        low=0.1,
+        high=100.0,
+    )
     warm_start: bool = option(
         True, "Regress r and θ to a classical fit first; without it no CPU budget suffices."
     )

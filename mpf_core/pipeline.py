@@ -40,7 +40,7 @@ from mpf_core.fit.sampler import paper_pools, warm_pools
 from mpf_core.fit.trainer import FitLog, StepReport, fit_field
 from mpf_core.options import Options
 from mpf_core.progress import CancelCheck, Progress, ProgressCallback
-from mpf_core.quality.report import run_report, surface_report
+from mpf_core.quality.report import input_report, run_report, surface_report
 from mpf_core.surface.export import write_glb, write_ply
 from mpf_core.surface.finish import finish, without_floaters
 from mpf_core.surface.isosurface import Grid, Isosurface, extract
@@ -149,7 +149,7 @@ def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reco
     torch.set_num_threads(threads)
     torch.set_flush_denormal(True)
     watch.enter("prepare")
-    prepared = prepare(cloud, PrepareOptions(measure=False))
+    prepared = prepare(cloud, PrepareOptions(outlier_sigma=options.fit.outlier_sigma))
     cloud = prepared.cloud
     similarity = Similarity.of(cloud.points)
     samples = similarity.to_normalised(cloud.points)
@@ -194,10 +194,7 @@ def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reco
     report = {
         **run_report(options),
         "input": {
-            "points": prepared.report.received,
-            "used": prepared.report.kept,
-            "notes": [*cloud.notes, *prepared.report.steps],
-            "spacing": similarity.length_to_input(spacing),
+            **input_report(cloud.notes, prepared.report),
             "noise": similarity.length_to_input(cleaned.sigma),
             "denoised": cleaned.points is not samples,
         },

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mpf_core.cloud.prepare import PreparationReport
 from mpf_core.options import Options, options_to_mapping
 from mpf_core.quality.metrics import points_to_surface
 from mpf_core.quality.topology import topology
@@ -24,6 +25,21 @@ def surface_report(mesh: Mesh, points: NDArray[np.float64]) -> dict[str, Any]:
         **asdict(topology(mesh)),
         "extents": np.ptp(mesh.vertices, axis=0).tolist(),
         "input_to_surface": asdict(points_to_surface(points, mesh)),
+    }
+
+
+def input_report(notes: tuple[str, ...], preparation: PreparationReport) -> dict[str, Any]:
+    """The reader's notes and every step of the preparation; lengths in the input's units."""
+    density = preparation.density
+    return {
+        "points": preparation.received,
+        "used": preparation.kept,
+        "not_finite_dropped": preparation.not_finite_dropped,
+        "duplicates_merged": preparation.duplicates_merged,
+        "outliers_removed": preparation.outliers_removed,
+        "notes": [*notes, *preparation.steps],
+        "spacing": density.spacing if density else None,
+        "density": density.as_dict() if density else None,
     }
 
 

@@ -13,7 +13,6 @@ from service.jobs.index_store import Place
 from service.jobs.model import Input, Job, JobProgress, JobState
 from service.problems import Problem, catalogue
 
-
 _CODES: dict[str, Any] = {
     "enum": sorted(catalogue()),
     "x-enum-descriptions": [catalogue()[code].title for code in sorted(catalogue())],
