@@ -252,14 +252,15 @@ def draw(cloud_path: Path, mesh_path: Path, picture: Path) -> None:
     colors = visual.vertex_colors[:, :3] if isinstance(visual, ColorVisuals) else None
     if cloud.colors is None:
         colors = None  # the loader paints what has no colours
+    unoriented = ", without normals" if cloud.normals is None else ""
     camera = Camera.around(cloud.points, size=(900, 900))
     side_by_side(
         [
             render_points(cloud, camera=camera),
             render(Mesh(vertices, faces, None, colors), camera=camera),
         ],
-        [f"{len(cloud.points):,} points, without normals", f"{len(faces):,} triangles"],
-    ).save(picture)
+        [f"{len(cloud.points):,} points{unoriented}", f"{len(faces):,} triangles"],
+    ).save(picture, optimize=True)
 
 
 def _make_sample(name: str | None, out: Path) -> Path:
