@@ -53,7 +53,7 @@ class DemoFailed(Exception):
 @click.option(
     "--preset",
     type=click.Choice(PRESET_NAMES),
-    default="draft",
+    default="balanced",
     show_default=True,
     help="draft takes about a minute on two cores, balanced about three, paper days.",
 )

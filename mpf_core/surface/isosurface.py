@@ -24,7 +24,7 @@ from mpf_core.surface import cubes
 
 COARSEST = 16.0  # finest cells per coarsest cell: coarse enough to be cheap, fine enough to see
 SAFETY = 1.25
-MEMORY_LIMIT = 6 * 2**30  # bytes
+MEMORY_LIMIT = 3 * 2**30  # bytes
 BYTES_PER_CELL = 450  # peak of the evaluation of one level over its candidate cells
 BITS = 20  # per coordinate in a vertex key: grids up to 2²⁰ cells a side
 
