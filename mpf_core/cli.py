@@ -127,7 +127,7 @@ def _changes(flags: dict[str, Any]) -> dict[str, Any]:
             raise OptionsError(f"--set {setting!r} has no '='", advice="Write --set NAME=VALUE.")
         try:
             changes[name] = json.loads(text)
-        except json.JSONDecodeError:
+        except ValueError:  # not JSON, or a number of more digits than Python reads
             changes[name] = text
     return changes
 
