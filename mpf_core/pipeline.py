@@ -81,11 +81,11 @@ class Watch:
         progress: ProgressCallback | None,
         cancel: CancelCheck | None,
         begin: float | None = None,
+        stop: CancelCheck | None = None,
     ):
-        self.clock, self.progress, self.cancel = clock, progress, cancel
+        self.clock, self.progress, self.cancel, self.stop = clock, progress, cancel, stop
         self.begin = clock() if begin is None else begin
-        self.stage = ""
-        self.since = self.begin
+        self.stage, self.since = "", self.begin
         self.seconds: dict[str, float] = {}
 
     def enter(self, stage: str) -> None:
@@ -179,6 +179,7 @@ def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reco
         clock=watch.clock,
         deadline=watch.begin + (1 - EXTRACTION_SHARE) * options.fit.time_budget,
         report=watch.on_step,
+        stop=watch.stop,
         cancel=watch.cancel,
     )
 
@@ -268,14 +269,16 @@ def reconstruct_file(
     options: Options,
     *,
     progress: ProgressCallback | None = None,
+    stop: CancelCheck | None = None,
     cancel: CancelCheck | None = None,
     clock: Clock = time.monotonic,
 ) -> dict[str, Any]:
     """Read a cloud and write mesh.glb, mesh.ply, slices/{axis}/{index}.png and report.json.
 
+    `stop` ends the fit and takes the surface that it has come to; `cancel` ends everything.
     Returns the report. Raises InputError, FitError, SurfaceError, Cancelled.
     """
-    watch = Watch(clock, progress, cancel)
+    watch = Watch(clock, progress, cancel, stop=stop)
     watch.enter("read")
     cloud = read_cloud(cloud_path)
     result = reconstruct_cloud(cloud, options, watch)

@@ -21,12 +21,11 @@ Clock = Callable[[], float]
 
 
 class Reporter:
-    """The `progress` and `cancel` callbacks of one attempt.
+    """The `progress`, `stop` and `cancel` callbacks of one attempt.
 
     `reason` says why the job was told to stop: "cancelled", "hand back" or "fenced" (the lease is
-    another's; whatever this process still does is lost). A caller who wants to keep the surface so
-    far has only the fit ended: `cancel` says so once while it runs (a fit that is told to stop
-    returns what it has), and what follows goes on.
+    another's; whatever this process still does is lost), and `cancel` is true from then on. `stop`
+    is true once the owner cancelled but wants to keep the surface so far: only the fit ends.
     """
 
     def __init__(
@@ -41,7 +40,6 @@ class Reporter:
         self._asked_at = -math.inf
         self.reason = ""
         self._keep = False
-        self._fit_ended = False
 
     def progress(self, progress: Progress) -> None:
         """Note the report, if enough time has passed or the stage has changed."""
@@ -67,16 +65,19 @@ class Reporter:
         if stopping.hand_back_requested():
             self._stop("hand back", "the worker is leaving")
             return True
-        now = self._clock()
-        if now - self._asked_at >= self._settings.cancel_poll_seconds:
-            self._asked_at = now
-            self._ask()
-        if self._keep and self._told_stage == "fit" and not self._fit_ended:
-            self._fit_ended = True
-            return True
+        self._ask()
         return bool(self.reason)
 
+    def stop(self) -> bool:
+        """Whether the fit should end with what it has; rationed as `cancel` is."""
+        self._ask()
+        return self._keep
+
     def _ask(self) -> None:
+        now = self._clock()
+        if now - self._asked_at < self._settings.cancel_poll_seconds:
+            return
+        self._asked_at = now
         try:
             valid, cancel = self._store.look(self._lease)
         except UNREACHABLE as error:

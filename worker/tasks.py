@@ -60,6 +60,7 @@ def fit(run: Run) -> None:
         run.out,
         run.options,
         progress=run.reporter.progress,
+        stop=run.reporter.stop,
         cancel=run.reporter.cancel,
     )
 

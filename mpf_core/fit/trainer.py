@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from mpf_core.errors import Diverged
+from mpf_core.errors import Cancelled, Diverged
 from mpf_core.field import MetricPhaseField
 from mpf_core.fit.objective import Objective, Stage
 from mpf_core.fit.optimizers import Optimizer
@@ -43,8 +43,8 @@ class FitLog:
     """What the fit did, for the report.
 
     `planned` is the number of iterations that the schedule was laid out for; `stopped_by` one of
-    "iterations", "clock", "cancel". A run with `--max-iterations planned` and a time budget that
-    does not bind repeats it.
+    "iterations", "clock", "cancel" (the caller's `stop`). A run with `--max-iterations planned`
+    and a time budget that does not bind repeats it.
     """
 
     planned: int = 0
@@ -72,16 +72,18 @@ def fit_field(
     clock: Clock,
     deadline: float,
     report: Callable[[StepReport], None] | None = None,
+    stop: CancelCheck | None = None,
     cancel: CancelCheck | None = None,
 ) -> tuple[MetricPhaseField, FitLog]:
-    """Fit a field to the pools until the iteration cap, the `deadline` of `clock`, or `cancel`.
+    """Fit a field to the pools until the iteration cap, the `deadline` of `clock`, or `stop`.
 
-    A cancelled fit returns what it has. Raises Diverged when retries at lower rates do not help.
+    A stopped fit returns what it has. Raises Cancelled when `cancel` says so, and Diverged when
+    retries at lower rates do not help.
     """
     log = FitLog(normal_term=wants_normals(options, reliability))
     for attempt in range(RETRIES + 1):
         trainer = Trainer(pools, options, seed, log, slowdown=0.5**attempt)
-        if trainer.run(clock, deadline, report, cancel):
+        if trainer.run(clock, deadline, report, stop, cancel):
             return trainer.field, log
         log.retries += 1
     raise Diverged(
@@ -115,15 +117,18 @@ class Trainer:
         clock: Clock,
         deadline: float,
         report: Callable[[StepReport], None] | None,
+        stop: CancelCheck | None,
         cancel: CancelCheck | None,
     ) -> bool:
-        """True when the fit ended as planned, by the clock or by cancel; False on divergence."""
+        """True when the fit ended as planned, by the clock or by `stop`; False on divergence."""
         begin = clock()
         planned = self.plan(clock, deadline)
         iteration = 0
         stopped_by = "iterations"
         while iteration < planned:
             if cancel is not None and cancel():
+                raise Cancelled("the fit was cancelled", where=f"iteration {iteration}")
+            if stop is not None and stop():
                 stopped_by = "cancel"
                 break
             if clock() >= deadline:
