@@ -96,4 +96,7 @@ def _draw_discs(neighbours: Neighborhoods, resolution: int) -> NDArray[np.bool_]
             for index in (np.rint(grid), np.floor(grid)):
                 i, j, k = np.clip(index.astype(np.int64), 0, resolution - 1).T
                 occupied[i, j, k] = True
+    # A sheet whose discs reach the border must not part the box: the flood goes round it.
+    for face in (0, -1):
+        occupied[face] = occupied[:, face] = occupied[:, :, face] = False
     return occupied
