@@ -5,7 +5,7 @@
 >>> rng = np.random.default_rng(0)
 >>> sphere = rng.normal(size=(500, 3))
 >>> sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
->>> options = options_from({"preset": "draft", "max_iterations": 60, "resolution": 32})
+>>> options = options_from({"max_iterations": 60, "resolution": 32, "width": 64, "omega": 5.0})
 >>> result = reconstruct(sphere, options)
 >>> result.report["surface"]["watertight"]
 True
