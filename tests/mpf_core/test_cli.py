@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,17 @@ from click.testing import CliRunner, Result
 
 from mpf_core.cli import main
 from mpf_core.errors import Cancelled, Diverged, NoSurface
+from mpf_core.fit.sampler import warm_pools
 from mpf_core.surface import export
 from tests.mpf_core.clouds import sphere
 
 SMALL = ["--preset", "draft", "--max-iterations", "30", "--resolution", "24", "--threads", "1"]
 SMALL += ["--set", "width=16", "--set", "slices=1", "--set", "start_points=512"]
+
+
+@pytest.fixture(autouse=True)
+def _small_pools(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mpf_core.pipeline.warm_pools", partial(warm_pools, size=10_000))
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mpf_core.cloud.neighbors import Neighborhoods, analyse
+from mpf_core.fit.freespace import FreeSpace, flood
 from mpf_core.fit.initialize import Initialization, initialize
 from tests.mpf_core.clouds import Array, plane, sphere
 
@@ -33,6 +34,11 @@ def neighbours_of(kind: str) -> Neighborhoods:
 
 
 @cache
+def flood_of(kind: str) -> FreeSpace:
+    return flood(neighbours_of(kind))
+
+
+@cache
 def start_of(kind: str) -> Initialization:
     return initialize(neighbours_of(kind), threads=1)
 
@@ -45,3 +51,8 @@ def neighbours() -> Callable[[str], Neighborhoods]:
 @pytest.fixture
 def start() -> Callable[[str], Initialization]:
     return start_of
+
+
+@pytest.fixture
+def flooded() -> Callable[[str], FreeSpace]:
+    return flood_of

@@ -1,0 +1,55 @@
+"""Winding numbers close gaps, and leave open what is open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from mpf_core.cloud.neighbors import Neighborhoods
+from mpf_core.fit.closure import close_gaps
+from mpf_core.fit.freespace import INSIDE, FreeSpace
+from mpf_core.fit.initialize import Initialization
+from tests.mpf_core.fit.conftest import RADIUS
+
+Make = Callable[[str], Neighborhoods]
+Flooded = Callable[[str], FreeSpace]
+Start = Callable[[str], Initialization]
+
+
+def outward(cloud: Neighborhoods) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    return cloud.points / np.linalg.norm(cloud.points, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_sphere_without_a_small_cap_is_closed_by_winding_numbers(
+    neighbours: Make, flooded: Flooded, sign: float
+) -> None:
+    kind = "gap"
+    cloud = neighbours(kind)
+    leaky = flooded(kind)
+    closed = close_gaps(cloud, sign * outward(cloud), leaky)
+    assert leaky.enclosures == 0
+    assert closed.enclosures == 1
+    inside = closed.position(np.argwhere(closed.labels == INSIDE).astype(np.float64))
+    assert np.linalg.norm(inside, axis=1).max() < 1.1 * RADIUS
+    assert closed.label_at(np.zeros((1, 3)))[0] == INSIDE
+    assert closed.near_inside.any()
+    assert (leaky.labels != INSIDE).all()  # the flood's own labels stay
+
+
+@pytest.mark.parametrize("kind", ["hemisphere", "plane"])
+def test_bowls_and_sheets_stay_open(neighbours: Make, flooded: Flooded, kind: str) -> None:
+    cloud = neighbours(kind)
+    space = flooded(kind)
+    normals = outward(cloud) if kind == "hemisphere" else cloud.normals
+    assert close_gaps(cloud, normals, space) is space
+
+
+def test_the_warm_start_closes_the_gap_and_not_the_bowl(start: Start) -> None:
+    assert start("sphere").space.enclosures == 1
+    assert start("gap").space.enclosures == 1
+    assert start("gap").seeded > 0.8
+    assert start("hemisphere").space.enclosures == 0
+    assert start("hemisphere").seeded == 0
