@@ -32,7 +32,8 @@ def guess_roles(extras: NDArray[np.float64], columns: int) -> Roles:
     warnings: list[str] = []
     k = extras.shape[1]
     starts = range(k - 2)
-    normal = next((s for s in starts if are_unit_vectors(extras[:, s : s + 3])), None)
+    units = [s for s in starts if are_unit_vectors(extras[:, s : s + 3])]
+    normal = min(units, key=lambda s: _length_error(extras[:, s : s + 3]), default=None)
     if normal is not None:
         index.update({role: 3 + normal + i for i, role in enumerate(NORMALS)})
     taken = set() if normal is None else {normal, normal + 1, normal + 2}
@@ -61,6 +62,12 @@ def are_unit_vectors(vectors: NDArray[np.float64]) -> bool:
         unit = np.abs(np.sqrt(square) - 1) < _UNIT_TOLERANCE
     missing = ~np.isfinite(square) | (square == 0)
     return bool(unit.mean() >= _SHARE or (unit.any() and (unit | missing).mean() >= _SHARE))
+
+
+def _length_error(vectors: NDArray[np.float64]) -> float:
+    """Median distance of the lengths of rows (n, 3) from 1."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(np.nanmedian(np.abs(np.linalg.norm(vectors, axis=1) - 1)))
 
 
 def _color_start(extras: NDArray[np.float64], starts: list[int], warnings: list[str]) -> int | None:

@@ -97,6 +97,11 @@ def test_odd_numbers() -> None:
     np.testing.assert_array_equal(found.cloud.points, [[10, np.nan, 3], [0.5, 5, np.nan]])
 
 
+def test_normals_are_the_columns_nearest_to_unit_length() -> None:
+    row = "0 0 0 2 255 0 -0.87238972 0.47377095 0.12032152\n"  # the blue 0 makes another candidate
+    assert meanings(row) == [*POINTS, *COLORS, *NORMALS]
+
+
 def test_points_then_normals() -> None:
     found = read("2\n1 2 3\n4 5 6\n0 0 1\n0 1 0\n")
     np.testing.assert_array_equal(found.cloud.points, [[1, 2, 3], [4, 5, 6]])
