@@ -36,7 +36,7 @@ def bearer(token: str) -> dict[str, str]:
 def test_jobs_belong_to_their_key(client: TestClient, redis: Redis) -> None:
     store = KeyStore(redis)
     (anna, anna_token), (_, ben_token) = store.create("anna"), store.create("ben")
-    assert anna_token.split("_")[2] not in str(redis.hgetall(f"mpf:key:{anna.id}"))
+    assert anna_token.split("_", 2)[2] not in str(redis.hgetall(f"mpf:key:{anna.id}"))
     refused = client.post("/jobs", **form())
     assert (refused.status_code, refused.json()["code"]) == (401, "access.denied")
     assert refused.headers["www-authenticate"] == "Bearer"
