@@ -83,8 +83,9 @@ def _take_fixed(body: _Body, offset: int, targets: Targets) -> int:
 
 
 def _store(rows: NDArray[np.void], first: int, targets: Targets) -> None:
-    for index, target in targets.items():
-        target[first : first + len(rows)] = rows[f"f{index}"]
+    with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN; preparation judges those
+        for index, target in targets.items():
+            target[first : first + len(rows)] = rows[f"f{index}"]
 
 
 def _take_lists(body: _Body, offset: int, targets: Targets) -> int:
@@ -224,7 +225,8 @@ def _gather(body: _Body, starts: list[int], first: int, targets: Targets) -> Non
         kind = np.dtype(body.order + body.element.properties[index].kind)
         begin = _begin_of(body.element, index, edges)
         values = data[begin[:, None] + np.arange(kind.itemsize)]
-        target[first : first + len(begin)] = values.view(kind)[:, 0]
+        with np.errstate(invalid="ignore"):
+            target[first : first + len(begin)] = values.view(kind)[:, 0]
 
 
 def _begin_of(element: Element, index: int, edges: NDArray[np.int64]) -> NDArray[np.int64]:

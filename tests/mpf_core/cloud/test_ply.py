@@ -117,6 +117,13 @@ def test_data_that_starts_with_a_newline_byte_stays_whole() -> None:
         assert not found.warnings
 
 
+def test_a_signalling_nan_is_a_nan_like_others() -> None:
+    header = b"ply\nformat binary_big_endian 1.0\nelement vertex 1\n"
+    header += b"property float x\nproperty float y\nproperty float z\nend_header\n"
+    points = read(header + bytes.fromhex("7f800001") + bytes(8)).cloud.points
+    np.testing.assert_array_equal(points, [[np.nan, 0, 0]])
+
+
 def test_a_list_that_is_never_empty_among_the_vertices() -> None:
     data = ascii_ply("property list uchar int n\n" + XYZ, "2 7 8 1 2 3", "0 4 5 6")
     np.testing.assert_array_equal(read(data).cloud.points, [[1, 2, 3], [4, 5, 6]])
