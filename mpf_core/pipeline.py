@@ -146,7 +146,7 @@ def reconstruct(
 
 @contextmanager
 def _flushed_denormals() -> Iterator[None]:
-    """Denormals slow the products down tenfold; the caller's process gets its own setting back."""
+    """Denormals slow the products down; the caller's process gets its own setting back."""
     torch.set_flush_denormal(True)
     try:
         yield
