@@ -5,7 +5,8 @@
 >>> rng = np.random.default_rng(0)
 >>> sphere = rng.normal(size=(500, 3))
 >>> sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
->>> options = options_from({"max_iterations": 60, "resolution": 32, "width": 64, "omega": 5.0})
+>>> quick = {"max_iterations": 200, "resolution": 32, "width": 64, "omega": 10.0, "threads": 1}
+>>> options = options_from(quick)
 >>> result = reconstruct(sphere, options)
 >>> result.report["surface"]["watertight"]
 True
