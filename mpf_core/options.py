@@ -14,6 +14,8 @@ from typing import Any
 
 from mpf_core.errors import OptionsError
 
+LARGEST = 1e6  # of a weight or a sharpness: larger ones leave single precision nothing else to see
+
 PRESET_NAMES = ("draft", "balanced", "paper")
 
 
@@ -97,9 +99,14 @@ class FitOptions:
         high=200.0,
     )
     beta: float = option(50.0, "Start of the learnable phase sharpness β.", low=0.01, high=1000.0)
-    softplus_slope: float = option(100.0, "Sharpness of the softplus that keeps r ≥ 0.", low=1.0)
+    softplus_slope: float = option(
+        100.0, "Sharpness of the softplus that keeps r ≥ 0.", low=1.0, high=LARGEST
+    )
     alpha: float = option(
-        100.0, "Sharpness α of the align window and of the far-field barrier.", low=0.1
+        100.0,
+        "Sharpness α of the align window and of the far-field barrier.",
+        low=0.1,
+        high=LARGEST,
     )
     surface_points: int = option(1024, "Cloud samples per step.", low=16, high=200_000)
     near_points: int = option(1024, "Band samples per step.", low=16, high=200_000)
@@ -128,27 +135,31 @@ class FitOptions:
     )
     beta_learning_rate: float = option(1e-4, "Adam's rate for β (the paper's).", low=0.0, high=1.0)
     gradient_clip: float = option(
-        0.0, "Largest norm of the whole gradient; 0 leaves it alone.", low=0.0
+        0.0, "Largest norm of the whole gradient; 0 leaves it alone.", low=0.0, high=LARGEST
     )
     align_from: float = option(
         0.3, "Share of the iterations after which the align term is on.", low=0.0, high=1.0
     )
-    weight_zero: float = option(1.0, "Surface data, eq. zero_level.", low=0.0)
-    weight_align: float = option(0.7, "Gradient alignment, eq. align.", low=0.0)
-    weight_eik_r: float = option(0.007, "Metric Eikonal, eq. eik_r.", low=0.0)
-    weight_eik_phi: float = option(0.007, "Topological Eikonal, eq. eik_phi.", low=0.0)
-    weight_lap: float = option(0.0004, "Laplacian, eq. lap.", low=0.0)
+    weight_zero: float = option(1.0, "Surface data, eq. zero_level.", low=0.0, high=LARGEST)
+    weight_align: float = option(0.7, "Gradient alignment, eq. align.", low=0.0, high=LARGEST)
+    weight_eik_r: float = option(0.007, "Metric Eikonal, eq. eik_r.", low=0.0, high=LARGEST)
+    weight_eik_phi: float = option(
+        0.007, "Topological Eikonal, eq. eik_phi.", low=0.0, high=LARGEST
+    )
+    weight_lap: float = option(0.0004, "Laplacian, eq. lap.", low=0.0, high=LARGEST)
     weight_phase: float = option(
         0.03,
         "Phase saturation, eq. phase_sat. The paper's 0.002 lets the second wall of a shell drift "
         "away within the iterations that a CPU affords.",
         low=0.0,
+        high=LARGEST,
     )
-    weight_far: float = option(0.1, "Far-field repulsion, eq. far_field.", low=0.0)
+    weight_far: float = option(0.1, "Far-field repulsion, eq. far_field.", low=0.0, high=LARGEST)
     weight_normal: float = option(
         1.0,
         "Normal alignment, eq. normal_align. The paper's 0.15 leaves pinholes in sheets.",
         low=0.0,
+        high=LARGEST,
     )
 
 
