@@ -45,14 +45,14 @@ def _segments(negative: list[bool]) -> dict[int, int]:
     for ring in _face_rings():
         for i in range(4):
             corner, after = ring[i], ring[(i + 1) % 4]
-            if negative[corner] and not negative[after]:
-                # Walk back around the run of negative corners that ends here.
+            if not negative[corner] and negative[after]:
+                # Walk back around the run of positive corners that ends here.
                 j = i
-                while negative[ring[(j - 1) % 4]]:
+                while not negative[ring[(j - 1) % 4]]:
                     j -= 1
                 start, before = ring[j % 4], ring[(j - 1) % 4]
                 cut_in = _EDGE_OF[frozenset((start, before))]
-                following[cut_in] = _EDGE_OF[frozenset((corner, after))]
+                following[_EDGE_OF[frozenset((corner, after))]] = cut_in
     return following
 
 
