@@ -97,12 +97,13 @@ def _reconstruct(
         )
     options = options_from(_changes(flags))
     clock_start = time.monotonic()
-    from mpf_core import pipeline  # loads torch
+    from mpf_core import pipeline, results  # load torch
     from mpf_core.cloud.reader import read_cloud
     from mpf_core.surface.export import write_glb, write_ply
+    from mpf_core.watch import Watch
 
     line = _ProgressLine()
-    watch = pipeline.Watch(time.monotonic, line.show, None, begin=clock_start)
+    watch = Watch(time.monotonic, line.show, None, begin=clock_start)
     watch.enter("read")
     result = pipeline.reconstruct_cloud(read_cloud(input), options, watch)
     (write_glb if writer == ".glb" else write_ply)(result.mesh, output)
@@ -110,9 +111,9 @@ def _reconstruct(
     seconds = time.monotonic() - clock_start
     if slices is not None:
         slices.mkdir(parents=True, exist_ok=True)
-        pipeline.write_field_slices(result, options.surface.slices, slices)
+        results.write_field_slices(result, options.surface.slices, slices)
     if report is not None:
-        pipeline.write_report(result.report, report)
+        results.write_report(result.report, report)
     click.echo(summary(result.report, output, seconds))
 
 

@@ -14,12 +14,10 @@ True
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,29 +30,21 @@ from mpf_core.cloud.neighbors import Neighborhoods, analyse, median_spacing
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.cloud.prepare import PrepareOptions, prepare
-from mpf_core.cloud.reader import read_cloud
-from mpf_core.errors import Cancelled, ResolutionTooHigh
+from mpf_core.errors import ResolutionTooHigh
 from mpf_core.field import MetricPhaseField
-from mpf_core.field.fitted import field_of, gradient_of, theta_of
-from mpf_core.files import write_atomically
+from mpf_core.field.fitted import gradient_of, theta_of
 from mpf_core.fit.initialize import Initialization, initialize
 from mpf_core.fit.sampler import paper_pools, warm_pools
-from mpf_core.fit.trainer import FitLog, StepReport, fit_field
+from mpf_core.fit.trainer import FitLog, fit_field
 from mpf_core.options import Options
-from mpf_core.progress import CancelCheck, Progress, ProgressCallback
+from mpf_core.progress import CancelCheck, ProgressCallback
 from mpf_core.quality.report import input_report, run_report, surface_report
-from mpf_core.surface.export import write_glb, write_ply
 from mpf_core.surface.finish import finish, without_floaters
 from mpf_core.surface.isosurface import Grid, Isosurface, extract
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.resolution import choose_resolution
-from mpf_core.surface.slices import write_slices
+from mpf_core.watch import Clock, Watch
 
-Clock = Callable[[], float]
-
-# Share of the whole job that is done when each stage begins.
-BEGINS = {"read": 0.0, "prepare": 0.01, "initialize": 0.03, "fit": 0.08, "extract": 0.85}
-BEGINS |= {"report": 0.96, "done": 1.0}
 EXTRACTION_SHARE = 0.2  # of the time budget, kept for extraction, report and writing
 PADDING = 0.05  # of the normalised frame, around the samples
 
@@ -72,53 +62,6 @@ class Reconstruction:
     report: dict[str, Any]
     similarity: Similarity
     box: NDArray[np.float64]
-
-
-class Watch:
-    """Reports progress and keeps the seconds of each stage."""
-
-    def __init__(
-        self,
-        clock: Clock,
-        progress: ProgressCallback | None,
-        cancel: CancelCheck | None,
-        begin: float | None = None,
-        stop: CancelCheck | None = None,
-    ):
-        self.clock, self.progress, self.cancel, self.stop = clock, progress, cancel, stop
-        self.begin = clock() if begin is None else begin
-        self.stage, self.since = "", self.begin
-        self.seconds: dict[str, float] = {}
-
-    def enter(self, stage: str) -> None:
-        """Begin a stage; raises Cancelled when the caller wants to stop."""
-        now = self.clock()
-        if self.stage:
-            spent = self.seconds.get(self.stage, 0.0) + now - self.since
-            self.seconds[self.stage] = round(spent, 3)
-        self.stage, self.since = stage, now
-        self.check()
-        self.tell(Progress(stage, BEGINS[stage], now - self.begin))
-
-    def tell(self, progress: Progress) -> None:
-        if self.progress is not None:
-            self.progress(progress)
-
-    def check(self) -> None:
-        if self.cancel is not None and self.cancel():
-            raise Cancelled("the reconstruction was cancelled", where=self.stage)
-
-    def on_step(self, step: StepReport) -> None:
-        """Forward a report from the fit."""
-        done = step.iteration / step.planned
-        seconds = self.clock() - self.begin
-        fraction = BEGINS["fit"] + done * (BEGINS["extract"] - BEGINS["fit"])
-        eta = step.seconds / step.iteration * (step.planned - step.iteration)
-        self.tell(
-            Progress(
-                "fit", fraction, seconds, eta, step.iteration, step.planned, step.loss, step.losses
-            )
-        )
 
 
 def reconstruct(
@@ -273,40 +216,3 @@ def _fit_report(
             for e in log.history
         ],
     }
-
-
-def reconstruct_file(
-    cloud_path: Path,
-    out: Path,
-    options: Options,
-    *,
-    progress: ProgressCallback | None = None,
-    stop: CancelCheck | None = None,
-    cancel: CancelCheck | None = None,
-    clock: Clock = time.monotonic,
-) -> dict[str, Any]:
-    """Read a cloud and write mesh.glb, mesh.ply, slices/{axis}/{index}.png and report.json.
-
-    `stop` ends the fit and takes the surface that it has come to; `cancel` ends everything.
-    Returns the report. Raises InputError, FitError, SurfaceError, Cancelled.
-    """
-    watch = Watch(clock, progress, cancel, stop=stop)
-    watch.enter("read")
-    cloud = read_cloud(cloud_path)
-    result = reconstruct_cloud(cloud, options, watch)
-    out.mkdir(parents=True, exist_ok=True)
-    write_glb(result.mesh, out / "mesh.glb")
-    write_ply(result.mesh, out / "mesh.ply")
-    write_field_slices(result, options.surface.slices, out)
-    write_report(result.report, out / "report.json")
-    return result.report
-
-
-def write_field_slices(result: Reconstruction, count: int, directory: Path) -> None:
-    """φ slices along each axis, as slices/{axis}/{index}.png."""
-    write_slices(field_of(result.field, "phi"), result.similarity, result.box, count, directory)
-
-
-def write_report(report: dict[str, Any], path: Path) -> None:
-    """The report as indented JSON."""
-    write_atomically(path, (json.dumps(report, indent=2, ensure_ascii=False) + "\n").encode())

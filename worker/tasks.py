@@ -53,7 +53,7 @@ Runner = Callable[[Run], None]
 
 def fit(run: Run) -> None:
     """Points in, surface out. The numerics are loaded here and nowhere else."""
-    from mpf_core.pipeline import reconstruct_file
+    from mpf_core.results import reconstruct_file
 
     reconstruct_file(
         run.cloud,

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 import mpf_core
-from mpf_core import Reconstruction, options_from, pipeline, reconstruct
+from mpf_core import Reconstruction, options_from, pipeline, reconstruct, results
 from mpf_core.errors import Cancelled, CloudError, Collinear, NotFinite, TooLarge, TooSmall
 from mpf_core.fit.sampler import warm_pools
 from mpf_core.options import Options
@@ -211,7 +211,7 @@ def test_the_time_budget_holds_for_the_whole_job() -> None:
 def test_a_file_becomes_all_artefacts(tmp_path: Path) -> None:
     cloud, out = tmp_path / "cloud.xyz", tmp_path / "new" / "out"
     np.savetxt(cloud, sphere(300))
-    report = pipeline.reconstruct_file(cloud, out, small(max_iterations=30, slices=2))
+    report = results.reconstruct_file(cloud, out, small(max_iterations=30, slices=2))
     written = sorted(str(p.relative_to(out)) for p in out.rglob("*") if p.is_file())
     slices = [f"slices/{axis}/{index}.png" for axis in "xyz" for index in (0, 1)]
     assert written == sorted(["mesh.glb", "mesh.ply", "report.json", *slices])

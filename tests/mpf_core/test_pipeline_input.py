@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from mpf_core.options import options_from
-from mpf_core.pipeline import reconstruct_file
+from mpf_core.results import reconstruct_file
 
 
 @pytest.fixture(autouse=True)

@@ -12,8 +12,8 @@ import torch
 
 from mpf_core.errors import Cancelled
 from mpf_core.options import Options, options_from
-from mpf_core.pipeline import reconstruct_file
 from mpf_core.progress import Progress
+from mpf_core.results import reconstruct_file
 
 OPTIONS: Options = options_from(
     {"max_iterations": 100_000, "time_budget": 600, "width": 16, "resolution": 16, "slices": 0}

@@ -1,0 +1,55 @@
+"""From files to files: what a reconstruction leaves behind."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from mpf_core.cloud.reader import read_cloud
+from mpf_core.field.fitted import field_of
+from mpf_core.files import write_atomically
+from mpf_core.options import Options
+from mpf_core.pipeline import Reconstruction, reconstruct_cloud
+from mpf_core.progress import CancelCheck, ProgressCallback
+from mpf_core.surface.export import write_glb, write_ply
+from mpf_core.surface.slices import write_slices
+from mpf_core.watch import Clock, Watch
+
+
+def reconstruct_file(
+    cloud_path: Path,
+    out: Path,
+    options: Options,
+    *,
+    progress: ProgressCallback | None = None,
+    stop: CancelCheck | None = None,
+    cancel: CancelCheck | None = None,
+    clock: Clock = time.monotonic,
+) -> dict[str, Any]:
+    """Read a cloud and write mesh.glb, mesh.ply, slices/{axis}/{index}.png and report.json.
+
+    `stop` ends the fit and takes the surface that it has come to; `cancel` ends everything.
+    Returns the report. Raises InputError, FitError, SurfaceError, Cancelled.
+    """
+    watch = Watch(clock, progress, cancel, stop=stop)
+    watch.enter("read")
+    cloud = read_cloud(cloud_path)
+    result = reconstruct_cloud(cloud, options, watch)
+    out.mkdir(parents=True, exist_ok=True)
+    write_glb(result.mesh, out / "mesh.glb")
+    write_ply(result.mesh, out / "mesh.ply")
+    write_field_slices(result, options.surface.slices, out)
+    write_report(result.report, out / "report.json")
+    return result.report
+
+
+def write_field_slices(result: Reconstruction, count: int, directory: Path) -> None:
+    """φ slices along each axis, as slices/{axis}/{index}.png."""
+    write_slices(field_of(result.field, "phi"), result.similarity, result.box, count, directory)
+
+
+def write_report(report: dict[str, Any], path: Path) -> None:
+    """The report as indented JSON."""
+    write_atomically(path, (json.dumps(report, indent=2, ensure_ascii=False) + "\n").encode())

@@ -1,0 +1,62 @@
+"""How far a reconstruction is: stages, their seconds, and the caller's wish to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mpf_core.errors import Cancelled
+from mpf_core.fit.trainer import StepReport
+from mpf_core.progress import CancelCheck, Progress, ProgressCallback
+
+Clock = Callable[[], float]
+
+# Share of the whole job that is done when each stage begins.
+BEGINS = {"read": 0.0, "prepare": 0.01, "initialize": 0.03, "fit": 0.08, "extract": 0.85}
+BEGINS |= {"report": 0.96, "done": 1.0}
+
+
+class Watch:
+    """Reports progress and keeps the seconds of each stage."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        progress: ProgressCallback | None,
+        cancel: CancelCheck | None,
+        begin: float | None = None,
+        stop: CancelCheck | None = None,
+    ):
+        self.clock, self.progress, self.cancel, self.stop = clock, progress, cancel, stop
+        self.begin = clock() if begin is None else begin
+        self.stage, self.since = "", self.begin
+        self.seconds: dict[str, float] = {}
+
+    def enter(self, stage: str) -> None:
+        """Begin a stage; raises Cancelled when the caller wants to stop."""
+        now = self.clock()
+        if self.stage:
+            spent = self.seconds.get(self.stage, 0.0) + now - self.since
+            self.seconds[self.stage] = round(spent, 3)
+        self.stage, self.since = stage, now
+        self.check()
+        self.tell(Progress(stage, BEGINS[stage], now - self.begin))
+
+    def tell(self, progress: Progress) -> None:
+        if self.progress is not None:
+            self.progress(progress)
+
+    def check(self) -> None:
+        if self.cancel is not None and self.cancel():
+            raise Cancelled("the reconstruction was cancelled", where=self.stage)
+
+    def on_step(self, step: StepReport) -> None:
+        """Forward a report from the fit."""
+        done = step.iteration / step.planned
+        seconds = self.clock() - self.begin
+        fraction = BEGINS["fit"] + done * (BEGINS["extract"] - BEGINS["fit"])
+        eta = step.seconds / step.iteration * (step.planned - step.iteration)
+        self.tell(
+            Progress(
+                "fit", fraction, seconds, eta, step.iteration, step.planned, step.loss, step.losses
+            )
+        )
