@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from starlette.testclient import TestClient
 
 from service.app import create_app
 from service.settings import Settings
+from tests import gltf
 from tests.services import form, running_worker, sphere_xyz, wait_for
 
 pytestmark = pytest.mark.slow
@@ -41,14 +43,15 @@ def until(client: TestClient, job_id: str, state: str) -> dict[str, Any]:
 
 
 def test_a_cloud_becomes_a_mesh_and_a_cancelled_fit_can_keep_its_surface(
-    client: TestClient, settings: Settings
+    client: TestClient, settings: Settings, tmp_path: Path
 ) -> None:
     with running_worker(settings, WORKER):
         whole = until(client, submit(client, max_iterations=30), "succeeded")
         names = set(whole["artifacts"])
         assert {"mesh.glb", "mesh.ply", "report.json", "slices/x/0.png"} <= names
         glb = client.get(whole["artifacts"]["mesh.glb"]["href"])
-        assert glb.content.startswith(b"glTF")
+        (tmp_path / "mesh.glb").write_bytes(glb.content)
+        gltf.assert_valid(tmp_path / "mesh.glb")
         assert glb.headers["content-type"] == "model/gltf-binary"
 
         endless = submit(client, max_iterations=200_000, time_budget=600.0)
