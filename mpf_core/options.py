@@ -7,38 +7,16 @@ a preset and replaces what a caller names. Callers see one flat namespace of fie
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 from mpf_core.errors import OptionsError
+from mpf_core.option_fields import checked, option, schema_of
 
 LARGEST = 1e6  # of a weight or a sharpness: larger ones leave single precision nothing else to see
 
 PRESET_NAMES = ("draft", "balanced", "paper")
-
-
-def option(
-    default: Any,
-    reason: str,
-    *,
-    low: float | None = None,
-    high: float | None = None,
-    choices: tuple[str, ...] | None = None,
-    unit: str | None = None,
-    expert: bool = True,
-) -> Any:
-    """A dataclass field with reason, bounds and unit; forms fold the `expert` ones away."""
-    metadata = {
-        "reason": reason,
-        "low": low,
-        "high": high,
-        "choices": choices,
-        "unit": unit,
-        "expert": expert,
-    }
-    return field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True)
@@ -256,7 +234,7 @@ def options_from(changes: Mapping[str, Any]) -> Options:
                 f"there is no option {key!r}", where=key, advice="See the list of options."
             )
         group, declared = known[key]
-        grouped.setdefault(group, {})[key] = _checked(declared, value)
+        grouped.setdefault(group, {})[key] = checked(declared, value)
     base = PRESETS[name]
     for group, values in grouped.items():
         if group is None:
@@ -280,62 +258,5 @@ def options_to_mapping(options: Options) -> dict[str, Any]:
 
 def options_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of what `options_from` accepts."""
-    properties = {f.name: _schema_of(f, group) for group, f in option_fields()}
+    properties = {f.name: schema_of(f, group) for group, f in option_fields()}
     return {"type": "object", "properties": properties, "additionalProperties": False}
-
-
-_JSON_TYPES = {"int": "integer", "float": "number", "str": "string", "bool": "boolean"}
-
-
-def _kind(declared: Field[Any]) -> tuple[str, bool]:
-    """The field's plain type name and whether None is allowed."""
-    words = str(declared.type).split(" | ")
-    return words[0], "None" in words
-
-
-def _schema_of(declared: Field[Any], group: str | None) -> dict[str, Any]:
-    kind, optional = _kind(declared)
-    about = declared.metadata
-    json_type = _JSON_TYPES[kind]
-    schema: dict[str, Any] = {
-        "type": [json_type, "null"] if optional else json_type,
-        "description": about["reason"],
-        "default": declared.default,
-    }
-    if about["low"] is not None:
-        schema["minimum"] = about["low"]
-    if about["high"] is not None:
-        schema["maximum"] = about["high"]
-    if about["choices"] is not None:
-        schema["enum"] = list(about["choices"])
-    if about["unit"] is not None:
-        schema["x-unit"] = about["unit"]
-    schema["x-group"] = group or "job"
-    schema["x-expert"] = about["expert"]
-    return schema
-
-
-def _checked(declared: Field[Any], value: Any) -> Any:
-    kind, optional = _kind(declared)
-    name, about = declared.name, declared.metadata
-    if value is None and optional:
-        return None
-    if kind == "float" and isinstance(value, int) and not isinstance(value, bool):
-        # A whole number too large for a float is as far out of range as infinity.
-        value = float(value) if abs(value) < 2**1023 else math.inf
-    expected = {"int": int, "float": float, "str": str, "bool": bool}[kind]
-    if not isinstance(value, expected) or (kind == "int" and isinstance(value, bool)):
-        raise OptionsError(
-            f"{name} is {value!r}", where=name, advice=f"It takes a value of type {kind}."
-        )
-    if isinstance(value, float) and not math.isfinite(value):
-        raise OptionsError(f"{name} is {value}", where=name, advice="It takes a finite number.")
-    low, high, choices = about["low"], about["high"], about["choices"]
-    if choices is not None and value not in choices:
-        raise OptionsError(
-            f"{name} is {value!r}", where=name, advice=f"Use one of {', '.join(choices)}."
-        )
-    if (low is not None and value < low) or (high is not None and value > high):
-        bounds = f"at least {low:g}" if high is None else f"between {low or 0:g} and {high:g}"
-        raise OptionsError(f"{name} is {value}", where=name, advice=f"It must be {bounds}.")
-    return value
