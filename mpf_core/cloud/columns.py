@@ -22,6 +22,12 @@ MEANINGS = {
     "f_dc_2": "blue (spherical harmonic)",
 }
 
+_SURVEYED = {  # what surveyors call the axes
+    "x": ("easting", "east"),
+    "y": ("northing", "north"),
+    "z": ("elevation", "height", "altitude"),
+}
+
 # Aliases of one role in order of preference: where a file has several, the first one counts.
 _ALIASES: dict[str, tuple[str, ...]] = {
     "intensity": ("intensity", "i", "reflectance", "remission", "scalar_intensity"),
@@ -40,6 +46,7 @@ for _axis, _number in zip("xyz", "012", strict=True):
         f"position_{_axis}",
         f"position{_axis}",
         f"points_{_number}",
+        *_SURVEYED[_axis],
     )
     _ALIASES[f"n{_axis}"] = (
         f"n{_axis}",

@@ -194,13 +194,13 @@ class XyzColumnsTooMany(XyzError):
 
 
 class XyzCountMismatch(XyzError):
-    """The leading count is not the number of rows."""
+    """The leading count is more than the number of rows."""
 
     code = "xyz.count.mismatch"
 
 
 class XyzRowColumns(XyzError):
-    """A row has more or fewer columns than the first one."""
+    """A row has more or fewer columns than the others."""
 
     code = "xyz.row.columns"
 

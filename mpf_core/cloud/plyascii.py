@@ -65,6 +65,8 @@ def read_ascii(stream: BinaryIO, header: PlyHeader, targets: Targets, max_line_b
 
 def _blocks(stream: BinaryIO, header: PlyHeader, max_line_bytes: int) -> Iterator[_Rows]:
     for block in line_blocks(stream, header.body, header.lines + 1, _STYLE, max_line_bytes):
+        if not block.text or block.text.isspace():
+            continue
         lines = block.text.split("\n")
         full = [i for i, line in enumerate(lines) if line and not line.isspace()]
         if len(full) == len(lines):

@@ -30,8 +30,10 @@ _KINDS = {
     "float": "f4", "double": "f8",
     "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
     "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
+    "bool": "u1",  # pyntcloud's, for the columns of a table
 }  # fmt: skip
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_NO_COMMENT = "Created by Blender3D"  # Blender 2.47 left out the word `comment`
 _LARGEST_COUNT = 2**32 - 1
 
 
@@ -107,7 +109,7 @@ def _take_line(state: _Parsing, number: int, text: str) -> bool:
     words = text.split()
     keyword = words[0] if words else ""
     where = f"line {number}"
-    if number == 1 or keyword in ("", "comment", "obj_info"):
+    if number == 1 or keyword in ("", "comment", "obj_info") or text.startswith(_NO_COMMENT):
         return False
     if keyword == "format":
         _take_format(state, words, where)
@@ -237,6 +239,12 @@ def _check_coordinates(vertex: Element) -> None:
     missing = [axis for axis in COORDINATES if axis not in roles]
     lists = [a for a in COORDINATES if a in roles and vertex.properties[roles[a]].length]
     where = f"line {vertex.line}"
+    if missing and "packed_position" in names:
+        raise PlyVertexCoordinates(
+            "the vertices are packed, as in compressed Gaussian splats",
+            where=where,
+            advice="Export the splats uncompressed, with x, y and z of each.",
+        )
     if missing or lists:
         what = f"no {', '.join(missing)}" if missing else f"a list as {', '.join(lists)}"
         raise PlyVertexCoordinates(

@@ -1,7 +1,8 @@
 """Rows of numbers in text, parsed at the speed of numpy's C reader, block by block.
 
-A block goes to the C reader as it is. Only where that fails are its lines looked at one by one:
-to drop comments, to mend the spellings of odd printf's, and to name the line that is wrong.
+A block goes to the C reader as it is, without its comments. Where that fails it goes there in
+parts, the spellings of odd printf's mended; only a part that fails too is looked at line by line,
+to name the line that is wrong.
 """
 
 from __future__ import annotations
@@ -19,6 +20,11 @@ from mpf_core.errors import FormatError
 BLOCK_BYTES = 1024 * 1024
 COMMENT_MARKS = ("#", "//", "%", "!")
 
+_PART_LINES = 4096
+# Possessive (++): a run of comments is one match, and nothing in it is tried twice.
+_COMMENT_LINES = re.compile(
+    rf"^(?:[^\S\n]*+(?:{'|'.join(map(re.escape, COMMENT_MARKS))})[^\n]*+\n?)++", re.MULTILINE
+)
 _ODD_NUMBER = re.compile(r"[+-]?(?:1\.#(?:qnan|snan|ind|inf)\d*|nan\([^)\s]*\))", re.IGNORECASE)
 _FORTRAN_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")
 
@@ -104,11 +110,14 @@ def parse_block(block: Block, columns: int, style: RowStyle) -> NDArray[np.float
     """The rows of a block, (m, columns); blank and comment lines are passed over."""
     if not block.text or block.text.isspace():
         return np.empty((0, columns))
-    table = _parse(_mended_cheaply(block.text, style).split("\n"), style)
+    text = _mended_cheaply(block.text, style)
+    if not text or text.isspace():
+        return np.empty((0, columns))
+    table = _parse(text.split("\n"), style)
     if table is not None and table.shape[1] == columns:
         return table
     lines = block.text.split("\n")
-    return _parse_slowly(lines, range(block.line, block.line + len(lines)), columns, style)
+    return _parse_in_parts(lines, range(block.line, block.line + len(lines)), columns, style)
 
 
 def parse_lines(
@@ -118,7 +127,7 @@ def parse_lines(
     table = _parse(lines, style)
     if table is not None and table.shape == (len(lines), columns):
         return table
-    return _parse_slowly(lines, numbers, columns, style)
+    return _parse_in_parts(lines, numbers, columns, style)
 
 
 def _mended_cheaply(text: str, style: RowStyle) -> str:
@@ -128,8 +137,7 @@ def _mended_cheaply(text: str, style: RowStyle) -> str:
     if style.delimiter is not None:
         text = text.replace(style.delimiter + "\n", "\n").removesuffix(style.delimiter)
     if style.comments and any(mark in text for mark in COMMENT_MARKS):
-        rows = (row for row in text.split("\n") if not row.lstrip().startswith(COMMENT_MARKS))
-        text = "\n".join(rows)
+        text = _COMMENT_LINES.sub("", text)
     return text
 
 
@@ -144,6 +152,22 @@ def _parse(lines: list[str], style: RowStyle) -> NDArray[np.float64] | None:
         )
     except ValueError:
         return None
+
+
+def _parse_in_parts(
+    lines: list[str], numbers: Sequence[int], columns: int, style: RowStyle
+) -> NDArray[np.float64]:
+    tables = [np.empty((0, columns))]
+    for start in range(0, len(lines), _PART_LINES):
+        part = slice(start, start + _PART_LINES)
+        kept = [line for line in lines[part] if not is_passed_over(line, style)]
+        if not kept:
+            continue
+        table = _parse(mend("\n".join(kept)).split("\n"), style)
+        if table is None or table.shape != (len(kept), columns):
+            table = _parse_slowly(lines[part], numbers[part], columns, style)
+        tables.append(table)
+    return np.concatenate(tables)
 
 
 def _parse_slowly(
@@ -181,13 +205,13 @@ def is_passed_over(line: str, style: RowStyle) -> bool:
     return not bare or (style.comments and bare.startswith(COMMENT_MARKS))
 
 
-def mend(line: str) -> str:
-    """The line with quotes gone and odd spellings of numbers as C reads them."""
-    if '"' in line or "'" in line:
-        line = line.replace('"', "").replace("'", "")
-    if "#" in line or "(" in line:
-        line = _ODD_NUMBER.sub(lambda m: "inf" if "inf" in m[0].lower() else "nan", line)
-    return _FORTRAN_EXPONENT.sub("e", line) if "d" in line or "D" in line else line
+def mend(text: str) -> str:
+    """Text, of one line or many, with quotes gone and odd spellings of numbers as C reads them."""
+    if '"' in text or "'" in text:
+        text = text.replace('"', "").replace("'", "")
+    if "#" in text or "(" in text:
+        text = _ODD_NUMBER.sub(lambda m: "inf" if "inf" in m[0].lower() else "nan", text)
+    return _FORTRAN_EXPONENT.sub("e", text) if "d" in text or "D" in text else text
 
 
 def is_number(field: str, style: RowStyle) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import BinaryIO
 
 import numpy as np
@@ -33,9 +34,9 @@ def read_xyz(stream: BinaryIO, size: int, limits: Limits = DEFAULT_LIMITS) -> Re
     points, extras = _read_rows(stream, head, roles, kept, limits)
     if head.declared is not None and len(points) != head.declared:
         halves = _points_then_normals(head, points)
-        if halves is None:
-            raise count_mismatch(head.declared, f"{len(points)} rows follow")
-        return halves
+        if halves is not None:
+            return halves
+        head, points, extras = _as_declared(head, head.declared, points, extras)
     if head.names is None:
         roles = guess_roles(extras, head.columns)
     return _assemble(head, roles, points, extras, kept)
@@ -95,6 +96,17 @@ def _count_lines(stream: BinaryIO, offset: int) -> int:
         feeds += piece.count(b"\n")
         returns += piece.count(b"\r")
     return feeds + returns + 1
+
+
+def _as_declared(
+    head: TextHead, declared: int, points: NDArray[np.float64], extras: NDArray[np.float64]
+) -> tuple[TextHead, NDArray[np.float64], NDArray[np.float64]]:
+    """No more rows than the leading count says, as other readers of PTS have it."""
+    if len(points) < declared:
+        raise count_mismatch(declared, f"{len(points)} rows follow")
+    said = f"the first line declares {declared} points: {len(points) - declared} rows after them "
+    head = replace(head, warnings=(*head.warnings, said + "are left out"))
+    return head, points[:declared].copy(), extras[:declared].copy()
 
 
 def _points_then_normals(head: TextHead, rows: NDArray[np.float64]) -> Reading | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -178,7 +179,8 @@ def _style_of(sample: list[str], line: int, limits: Limits) -> tuple[RowStyle, i
     for rows in (sample, sample[:1]):
         for style in STYLES:
             widths = {_width(row, style) for row in rows}
-            if len(widths) == 1 and (width := widths.pop()) >= len(COORDINATES):
+            if len(widths) == 1 and widths.pop() >= len(COORDINATES):
+                width = _common_width(sample, style)
                 if width > limits.max_columns:
                     raise XyzColumnsTooMany(
                         f"line {line} has {width} columns, more than {limits.max_columns}",
@@ -187,6 +189,14 @@ def _style_of(sample: list[str], line: int, limits: Limits) -> tuple[RowStyle, i
                     )
                 return style, width
     return _fallback(sample[0], line)
+
+
+def _common_width(sample: list[str], style: RowStyle) -> int:
+    """The first row's, unless it stands alone among others: then it is the odd one."""
+    counts = Counter(_width(row, style) for row in sample)
+    first = _width(sample[0], style)
+    common, times = counts.most_common(1)[0]
+    return common if counts[first] == 1 < times and common >= len(COORDINATES) else first
 
 
 def _width(row: str, style: RowStyle) -> int:
@@ -236,9 +246,10 @@ def _unclear_header(prologue: _Prologue, header: str, columns: int) -> str:
     leading = [roles.get(axis) for axis in COORDINATES] == [0, 1, 2]
     known = [axis for axis in COORDINATES if axis in roles]
     if prologue.header is not None and known and not leading:
+        missing = [axis for axis in COORDINATES if axis not in roles]
+        fault = f"and no {', '.join(missing)}" if missing else f"and the rows have {columns}"
         raise XyzHeaderColumns(
-            f"the header names {len(names)} columns ({', '.join(names)[:60]}) "
-            f"and the rows have {columns}",
+            f"the header names {len(names)} columns ({', '.join(names)[:60]}) {fault}",
             where=f"line {prologue.header_line}",
             advice="Name each column once, x, y and z among them.",
         )
@@ -285,7 +296,7 @@ def _check_count(head: TextHead, total_size: int | None, limits: Limits) -> None
 
 
 def count_mismatch(declared: int, found: str) -> XyzCountMismatch:
-    """The error for a leading count that is not the number of rows."""
+    """The error for a leading count that is more than the number of rows."""
     return XyzCountMismatch(
         f"the first line declares {declared} points and {found}",
         where="the leading count",

@@ -121,13 +121,19 @@ HEAD = "ply\nformat binary_little_endian 1.0\n"
         b"1 2 3\n" + b"\n" * 5_000_000,
         b"1 2 3\n" + b" " * 5_000_000,
         b"1 2 3\n" + b"#\n" * 1_000_000,
+        b"1 2 3\n//\n!\n %\n" * 200_000,
+        b"1.D0 '2' -1.#IND\n" * 60_000,
+        b"ply\nformat ascii 1.0\nelement vertex 1\n"
+        + f"{CUBE}end_header\n".encode()
+        + b"\n" * 4_000_000
+        + b"1 2 3\n",
         b"1," * 500_000,
         b"0 0 0\n" * 500_000 + b"0 0\n",
         b"\r" * 3_000_000,
         b"1" * 3_000_000,
         b"ply\r" + b"comment \r" * 300_000,
     ],
-    ids=range(14),
+    ids=range(17),
 )
 def test_small_files_that_ask_for_much(data: bytes) -> None:
     """Time and memory are bounded by the file, whatever it declares."""

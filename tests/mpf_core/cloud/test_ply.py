@@ -99,6 +99,20 @@ def test_an_element_of_another_name_with_coordinates_is_taken() -> None:
     assert "points in point" in found.dialect
 
 
+def test_slips_of_well_known_tools_are_read() -> None:
+    """A comment without its keyword (Blender 2.47), and the type of a yes or no (pyntcloud)."""
+    data = ascii_ply(XYZ + "property bool seen\n", "1 2 3 1")
+    data = data.replace(b"1.0\n", b"1.0\nCreated by Blender3D 247 - www.blender.org\n")
+    assert [c.meaning for c in read(data).columns] == ["x", "y", "z", "left out"]
+    np.testing.assert_array_equal(read(data).cloud.points, [[1, 2, 3]])
+
+
+def test_compressed_splats_are_named() -> None:
+    error = fails(ascii_ply("property uint packed_position\n", "1"))
+    assert error.code == "ply.vertex.coordinates"
+    assert error.advice is not None and "uncompressed" in error.advice
+
+
 def test_trailing_bytes_are_said() -> None:
     assert any("2 lines after" in w for w in read(ascii_ply(XYZ, "1 2 3") + b"x\ny\n").warnings)
 

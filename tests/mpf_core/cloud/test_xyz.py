@@ -76,9 +76,22 @@ def test_cloudcompare_header_and_count() -> None:
 
 
 def test_header_of_unknown_words_is_warned_of() -> None:
-    found = read("Easting Northing Height\n1 2 3\n")
+    found = read("Alpha Beta Gamma\n1 2 3\n")
     assert len(found.cloud) == 1
     assert any("no names that are known" in warning for warning in found.warnings)
+
+
+def test_surveyors_names() -> None:
+    found = read("Point;Northing;Easting;Height\n1;20;10;30\n2;50;40;60\n")
+    np.testing.assert_array_equal(found.cloud.points, [[10, 20, 30], [40, 50, 60]])
+    assert not found.warnings
+
+
+def test_rows_after_the_leading_count_are_left_out_with_a_warning() -> None:
+    found = read("2\n1 2 3 7 8 9\n4 5 6 7 8 9\n7 8 9 7 8 9\n")
+    np.testing.assert_array_equal(found.cloud.points, [[1, 2, 3], [4, 5, 6]])
+    assert found.cloud.colors is not None and len(found.cloud.colors) == 2
+    assert any("1 rows after them are left out" in warning for warning in found.warnings)
 
 
 def test_decimal_commas() -> None:
@@ -127,7 +140,7 @@ def test_points_then_normals() -> None:
         ("1 2 x\n", "xyz.row.number", "line 1, column 3"),
         ("x,y,intensity\n1,2,3\n", "xyz.header.columns", "line 1"),
         ("3\n1 2 3\n4 5 6\n", "xyz.count.mismatch", None),
-        ("2\n1 2 3\n4 5 6\n7 8 9\n", "xyz.count.mismatch", None),
+        ("x,y,z\n1,2,3,4\n1,2,3\n4,5,6\n", "xyz.row.columns", "line 2"),
         ("5000\n1 2 3\n4 5 6\n", "xyz.count.mismatch", None),
         ("99999999\n1 2 3\n", "cloud.too_large", None),
         (b"\xff\xfe1\x00 \x00", "xyz.encoding", None),
