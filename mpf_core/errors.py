@@ -4,7 +4,11 @@
     ├── InputError                 the caller's data: exit code 2, HTTP 4xx
     │   ├── FormatError            the bytes are not the file they claim to be (see mpf_core.cloud)
     │   ├── CloudError             the file is sound, the points are not enough
+    │   ├── FieldError             the file is not a fitted field that can be used
+    │   │   ├── FieldFormat
+    │   │   └── FieldVersion
     │   └── OptionsError           an option is unknown, out of range or contradicts another
+    │       └── OutsideBox
     ├── FitError                   the fit could not end well: exit code 3, HTTP job `failed`
     │   └── Diverged
     ├── SurfaceError               there is no surface to take from the field
@@ -89,10 +93,34 @@ class Collinear(CloudError):
     code = "cloud.collinear"
 
 
+class FieldError(InputError):
+    """The file is not a fitted field that can be used."""
+
+    code = "field"
+
+
+class FieldFormat(FieldError):
+    """The file is not a fitted field, or a damaged one."""
+
+    code = "field.format"
+
+
+class FieldVersion(FieldError):
+    """The field was written by later software."""
+
+    code = "field.version"
+
+
 class OptionsError(InputError):
     """An option is unknown, out of range or contradicts another."""
 
     code = "options.invalid"
+
+
+class OutsideBox(OptionsError):
+    """A slice lies outside the box of the field."""
+
+    code = "options.outside_box"
 
 
 class FitError(MPFError):

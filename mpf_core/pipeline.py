@@ -15,8 +15,6 @@ True
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,19 +28,17 @@ from mpf_core.cloud.neighbors import Neighborhoods, analyse, median_spacing
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.cloud.prepare import PrepareOptions, prepare
-from mpf_core.errors import ResolutionTooHigh
-from mpf_core.field import MetricPhaseField
-from mpf_core.field.fitted import gradient_of, theta_of
+from mpf_core.field.fitted import FittedField
+from mpf_core.field.footprint import Footprint
 from mpf_core.fit.initialize import Initialization, initialize
 from mpf_core.fit.sampler import paper_pools, warm_pools
 from mpf_core.fit.trainer import FitLog, fit_field
 from mpf_core.options import Options
 from mpf_core.progress import CancelCheck, ProgressCallback
 from mpf_core.quality.report import input_report, run_report, surface_report
-from mpf_core.surface.finish import finish, without_floaters
-from mpf_core.surface.isosurface import Grid, Isosurface, extract
+from mpf_core.surface.extraction import extract_mesh, flushed_denormals
 from mpf_core.surface.mesh import Mesh
-from mpf_core.surface.resolution import choose_resolution
+from mpf_core.surface.resolution import shell_of
 from mpf_core.watch import Clock, Watch
 
 EXTRACTION_SHARE = 0.2  # of the time budget, kept for extraction, report and writing
@@ -51,17 +47,12 @@ PADDING = 0.05  # of the normalised frame, around the samples
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """A fitted field, the mesh taken from it, and the report.
+    """A fitted field with all that later extractions need, the mesh taken from it in the input's
+    frame, and the report."""
 
-    `mesh` is in the input's frame; `field` takes normalised coordinates, to which `similarity`
-    leads; `box` (2, 3) is the extracted part of the normalised frame.
-    """
-
-    field: MetricPhaseField
+    fitted: FittedField
     mesh: Mesh
     report: dict[str, Any]
-    similarity: Similarity
-    box: NDArray[np.float64]
 
 
 def reconstruct(
@@ -88,17 +79,7 @@ def reconstruct(
     return reconstruct_cloud(cloud, options, Watch(clock, progress, cancel))
 
 
-@contextmanager
-def _flushed_denormals() -> Iterator[None]:
-    """Denormals slow the products down; the caller's process gets its own setting back."""
-    torch.set_flush_denormal(True)
-    try:
-        yield
-    finally:
-        torch.set_flush_denormal(False)
-
-
-@_flushed_denormals()
+@flushed_denormals()
 def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reconstruction:
     """The pipeline itself."""
     threads = options.threads or torch.get_num_threads()
@@ -139,12 +120,17 @@ def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reco
     )
 
     watch.enter("extract")
-    resolution, reason = choose_resolution(options.surface, neighbours, start)
-    asked = options.surface.resolution is not None
-    surface, box, resolution = _extract(field, neighbours, resolution, asked, watch)
-    vertices, faces, floaters = without_floaters(surface, input_tree, spacing)
+    low, high = neighbours.points.min(0) - PADDING, neighbours.points.max(0) + PADDING
+    footprint = Footprint.of(
+        samples,
+        spacing=spacing,
+        reach=neighbours.median_spacing,
+        thickness=shell_of(start),
+        colors=cloud.colors,
+    )
+    fitted = FittedField(field, similarity, np.stack([low, high]), footprint)
     painted = None if cloud.colors is None else (input_tree, cloud.colors)
-    mesh = finish(vertices, faces, gradient_of(field), similarity, painted)
+    taken = extract_mesh(fitted, options.surface, painted=painted, cancel=watch.cancel)
 
     watch.enter("report")
     report = {
@@ -156,43 +142,12 @@ def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reco
         },
         "frame": {"center": similarity.center.tolist(), "scale": similarity.scale},
         "fit": _fit_report(neighbours, start, log),
-        "extraction": {
-            "resolution": resolution,
-            "reason": reason,
-            "cell": similarity.length_to_input(surface.grid.cell),
-            "evaluations": surface.evaluations,
-            "crossed_cells": surface.crossed_cells,
-            "floaters_removed": floaters,
-            "bound": "heuristic: cells are left out where |θ| exceeds 1.25 half diagonals",
-        },
-        "surface": surface_report(mesh, cloud.points),
+        "extraction": taken.report,
+        "surface": surface_report(taken.mesh, cloud.points),
     }
     watch.enter("done")
     report["timings"] = dict(watch.seconds)
-    return Reconstruction(field, mesh, report, similarity, box)
-
-
-def _extract(
-    field: MetricPhaseField,
-    neighbours: Neighborhoods,
-    resolution: int,
-    asked: bool,
-    watch: Watch,
-) -> tuple[Isosurface, NDArray[np.float64], int]:
-    low, high = neighbours.points.min(0) - PADDING, neighbours.points.max(0) + PADDING
-    reach = neighbours.median_spacing
-    while True:
-        grid = Grid.around(low, high, resolution)
-        try:
-            surface = extract(
-                theta_of(field), grid, neighbours.tree, reach=reach, cancel=watch.cancel
-            )
-        except ResolutionTooHigh:
-            if asked:
-                raise
-            resolution = resolution * 3 // 4  # chosen by us: a coarser surface beats none
-        else:
-            return surface, np.stack([low, high]), resolution
+    return Reconstruction(fitted, taken.mesh, report)
 
 
 def _fit_report(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mpf_core.cloud.reader import read_cloud
+from mpf_core.field.artefact import save_field
 from mpf_core.field.fitted import field_of
 from mpf_core.files import write_atomically
 from mpf_core.options import Options
@@ -28,7 +29,8 @@ def reconstruct_file(
     cancel: CancelCheck | None = None,
     clock: Clock = time.monotonic,
 ) -> dict[str, Any]:
-    """Read a cloud and write mesh.glb, mesh.ply, slices/{axis}/{index}.png and report.json.
+    """Read a cloud and write mesh.glb, mesh.ply, field.safetensors, slices/{axis}/{index}.png and
+    report.json.
 
     `stop` ends the fit and takes the surface that it has come to; `cancel` ends everything.
     Returns the report. Raises InputError, FitError, SurfaceError, Cancelled.
@@ -40,6 +42,7 @@ def reconstruct_file(
     out.mkdir(parents=True, exist_ok=True)
     write_glb(result.mesh, out / "mesh.glb")
     write_ply(result.mesh, out / "mesh.ply")
+    save_field(result.fitted, out / "field.safetensors")
     write_field_slices(result, options.surface.slices, out)
     write_report(result.report, out / "report.json")
     return result.report
@@ -47,7 +50,8 @@ def reconstruct_file(
 
 def write_field_slices(result: Reconstruction, count: int, directory: Path) -> None:
     """φ slices along each axis, as slices/{axis}/{index}.png."""
-    write_slices(field_of(result.field, "phi"), result.similarity, result.box, count, directory)
+    fitted = result.fitted
+    write_slices(field_of(fitted.field, "phi"), fitted.similarity, fitted.box, count, directory)
 
 
 def write_report(report: dict[str, Any], path: Path) -> None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from mpf_core.cloud.normalize import Similarity
+from mpf_core.field.footprint import Footprint
 from mpf_core.field.jet import Order
 from mpf_core.field.metric_phase import MetricPhaseField
 
@@ -15,6 +18,20 @@ CHUNK = 8192  # 256 units × 8192 points × 4 bytes = 8 MiB a layer
 NAMES = ("phi", "r", "theta", "P")
 
 Values = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class FittedField:
+    """A field with everything that later extractions need.
+
+    `field` takes normalised coordinates, to which `similarity` leads from the input's; `box` (2, 3)
+    is the part of the normalised frame that the fit saw.
+    """
+
+    field: MetricPhaseField
+    similarity: Similarity
+    box: NDArray[np.float64]
+    footprint: Footprint
 
 
 def theta_of(field: MetricPhaseField) -> Callable[[NDArray[np.float64]], Values]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mpf_core.cloud.neighbors import Neighborhoods
+from mpf_core.field.footprint import Footprint
 from mpf_core.fit.initialize import Initialization
 from mpf_core.options import SurfaceOptions
 
@@ -12,17 +12,21 @@ SHEETS_FROM = 0.9  # share of samples that bound enclosed space below which ther
 LOWEST, HIGHEST = 96, 512
 
 
-def choose_resolution(
-    options: SurfaceOptions, neighbours: Neighborhoods, start: Initialization | None
-) -> tuple[int, str]:
+def shell_of(start: Initialization | None) -> float | None:
+    """Thickness of the shell that the warm start put around open sheets; None without them."""
+    if start is None or start.seeded >= SHEETS_FROM:
+        return None
+    return 2 * start.shell
+
+
+def choose_resolution(options: SurfaceOptions, footprint: Footprint) -> tuple[int, str]:
     """Cells along the longest side (2 in normalised units), and why."""
     if options.resolution is not None:
         return options.resolution, "as asked"
-    cell, why = neighbours.median_spacing / CELLS_PER_SPACING, "three cells a sample spacing"
-    if start is not None and start.seeded < SHEETS_FROM:
-        shell = 2 * start.shell / CELLS_PER_SHELL
-        if shell < cell:
-            cell, why = shell, "three cells across the thin shell around open sheets"
+    cell, why = footprint.reach / CELLS_PER_SPACING, "three cells a sample spacing"
+    if footprint.thickness is not None and footprint.thickness / CELLS_PER_SHELL < cell:
+        cell = footprint.thickness / CELLS_PER_SHELL
+        why = "three cells across the thin shell around open sheets"
     wanted = round(2.0 / cell)
     resolution = min(max(wanted, LOWEST), HIGHEST)
     if resolution < wanted:

@@ -123,10 +123,10 @@ def test_units_do_not_matter(scale: float) -> None:
 def test_a_utm_frame_is_kept_to_the_millimetre() -> None:
     at = np.array([691_607.0, 5_334_760.0, 512.0])
     here, there = (reconstruct(sphere(600, 3.0) + shift, small()) for shift in (0 * at, at))
-    moved = there.similarity.center - here.similarity.center
+    moved = there.fitted.similarity.center - here.fitted.similarity.center
     assert moved == pytest.approx(at, abs=1e-6)
-    back = there.similarity.to_normalised(there.mesh.vertices)
-    again = there.similarity.to_input(back)
+    back = there.fitted.similarity.to_normalised(there.mesh.vertices)
+    again = there.fitted.similarity.to_input(back)
     assert np.abs(again - there.mesh.vertices).max() < 1e-3
     assert np.abs(
         np.ptp(there.mesh.vertices, axis=0) - np.ptp(here.mesh.vertices, axis=0)
@@ -214,7 +214,7 @@ def test_a_file_becomes_all_artefacts(tmp_path: Path) -> None:
     report = results.reconstruct_file(cloud, out, small(max_iterations=30, slices=2))
     written = sorted(str(p.relative_to(out)) for p in out.rglob("*") if p.is_file())
     slices = [f"slices/{axis}/{index}.png" for axis in "xyz" for index in (0, 1)]
-    assert written == sorted(["mesh.glb", "mesh.ply", "report.json", *slices])
+    assert written == sorted(["field.safetensors", "mesh.glb", "mesh.ply", "report.json", *slices])
     assert json.loads((out / "report.json").read_text("utf-8")) == report
     assert (out / "mesh.glb").read_bytes()[:4] == b"glTF"
     assert (out / "mesh.ply").read_bytes()[:3] == b"ply"

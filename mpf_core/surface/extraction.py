@@ -1,0 +1,96 @@
+"""From a fitted field to a mesh: in the run that fitted it and, from its file, later."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mpf_core.errors import ResolutionTooHigh
+from mpf_core.field.fitted import FittedField, gradient_of, theta_of
+from mpf_core.options import SurfaceOptions
+from mpf_core.progress import CancelCheck
+from mpf_core.surface.finish import FLOATER_SPACINGS, finish, without_floaters
+from mpf_core.surface.isosurface import Grid, Isosurface, extract
+from mpf_core.surface.mesh import Mesh
+from mpf_core.surface.resolution import choose_resolution
+
+Painted = tuple[cKDTree, NDArray[np.uint8]]
+
+
+@dataclass(frozen=True)
+class Extraction:
+    """A mesh in the input's frame, and what the report tells of how it was taken."""
+
+    mesh: Mesh
+    report: dict[str, Any]
+
+
+@contextmanager
+def flushed_denormals() -> Iterator[None]:
+    """Denormals slow the products down; the caller's process gets its own setting back."""
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)
+
+
+def extract_mesh(
+    fitted: FittedField,
+    options: SurfaceOptions,
+    *,
+    painted: Painted | None = None,
+    cancel: CancelCheck | None = None,
+) -> Extraction:
+    """The zero level of the field as a mesh, on as many threads as torch is set to.
+
+    The same field gives the same mesh bit for bit where denormals are flushed in both runs.
+    painted: normalised samples with their colours; the footprint's if not given. Raises NoSurface,
+    ResolutionTooHigh, Cancelled.
+    """
+    footprint = fitted.footprint
+    resolution, reason = choose_resolution(options, footprint)
+    asked = options.resolution is not None
+    surface, resolution = _zero_level(fitted, resolution, asked, cancel)
+    # A piece is a floater by its distance to the samples, of which the footprint keeps some.
+    spacing = footprint.spacing + footprint.cover / FLOATER_SPACINGS
+    vertices, faces, floaters = without_floaters(surface, footprint.tree, spacing)
+    if painted is None and footprint.colors is not None:
+        painted = footprint.tree, footprint.colors
+    mesh = finish(vertices, faces, gradient_of(fitted.field), fitted.similarity, painted)
+    report = {
+        "resolution": resolution,
+        "reason": reason,
+        "cell": fitted.similarity.length_to_input(surface.grid.cell),
+        "evaluations": surface.evaluations,
+        "crossed_cells": surface.crossed_cells,
+        "floaters_removed": floaters,
+        "bound": "heuristic: cells are left out where |θ| exceeds 1.25 half diagonals",
+    }
+    return Extraction(mesh, report)
+
+
+def _zero_level(
+    fitted: FittedField, resolution: int, asked: bool, cancel: CancelCheck | None
+) -> tuple[Isosurface, int]:
+    footprint = fitted.footprint
+    reach = footprint.reach + footprint.cover
+    while True:
+        grid = Grid.around(fitted.box[0], fitted.box[1], resolution)
+        try:
+            surface = extract(
+                theta_of(fitted.field), grid, footprint.tree, reach=reach, cancel=cancel
+            )
+        except ResolutionTooHigh:
+            if asked:
+                raise
+            resolution = resolution * 3 // 4  # chosen by us: a coarser surface beats none
+        else:
+            return surface, resolution
