@@ -16,7 +16,7 @@ from mpf_core.cloud.plyheader import parse_header
 from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.cloud.reading import Reading
 from mpf_core.cloud.xyz import read_xyz
-from mpf_core.cloud.xyzhead import read_head
+from mpf_core.cloud.xyzhead import UTF8_MARK, read_head
 from mpf_core.errors import TooSmall
 
 TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".pts", ".asc", ".pwn")
@@ -34,6 +34,10 @@ _FOREIGN = (
     (b"NOFF", "OFF"),
     (b"mtllib ", "OBJ"),
     (b"# vtk ", "VTK"),
+    (b"VERSION ", "PCD (Point Cloud Library)"),
+    (b"ncols", "an ESRI grid"),
+    (b"NCOLS", "an ESRI grid"),
+    (b"DSAA", "a Surfer grid"),
     (b"PK\x03\x04", "a ZIP archive"),
     (b"\x1f\x8b", "a gzip file"),
     (b"{", "JSON"),
@@ -149,5 +153,6 @@ def format_of(first: bytes, total_size: int | None, limits: Limits = DEFAULT_LIM
 
 
 def is_ply(first: bytes) -> bool:
-    """Whether the first line is `ply` and nothing else."""
+    """Whether the first line is `ply` and nothing else; some editors put a UTF-8 mark before it."""
+    first = first.removeprefix(UTF8_MARK)
     return first[:3] == b"ply" and (len(first) == 3 or first[3:4] in b" \t\r\n")

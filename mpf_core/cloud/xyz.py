@@ -15,7 +15,7 @@ from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.cloud.reading import Column, Reading, describe_columns
 from mpf_core.cloud.textrows import BLOCK_BYTES, line_blocks, parse_block
 from mpf_core.cloud.xyzhead import TextHead, count_mismatch, read_head
-from mpf_core.cloud.xyzroles import Roles, are_unit_vectors, guess_roles
+from mpf_core.cloud.xyzroles import Roles, are_unit_vectors, counts_up, guess_roles
 from mpf_core.errors import TooLarge
 
 _EXTRAS = 9  # unnamed columns beside the coordinates that are looked at
@@ -39,6 +39,9 @@ def read_xyz(stream: BinaryIO, size: int, limits: Limits = DEFAULT_LIMITS) -> Re
         head, points, extras = _as_declared(head, head.declared, points, extras)
     if head.names is None:
         roles = guess_roles(extras, head.columns)
+        if head.columns > 3 and counts_up(points[:, 0]):
+            said = "column 1 counts the rows; if it is not x, a header x, y, z would say so"
+            roles = replace(roles, warnings=(*roles.warnings, said))
     return _assemble(head, roles, points, extras, kept)
 
 

@@ -53,6 +53,13 @@ def guess_roles(extras: NDArray[np.float64], columns: int) -> Roles:
     return Roles(index, warnings=tuple(warnings))
 
 
+def counts_up(column: NDArray[np.float64]) -> bool:
+    """Whether each of three rows or more is one above the last, from 0 or 1: a point's number."""
+    if len(column) < 3 or column[0] not in (0, 1):
+        return False
+    return bool((column == np.arange(len(column)) + column[0]).all())
+
+
 def are_unit_vectors(vectors: NDArray[np.float64]) -> bool:
     """Whether nearly all rows (n, 3) have length 1, and the others none."""
     if len(vectors) == 0 or not (np.abs(vectors[:1000]) <= 1 + _UNIT_TOLERANCE).all(axis=1).any():

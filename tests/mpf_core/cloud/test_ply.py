@@ -107,6 +107,18 @@ def test_slips_of_well_known_tools_are_read() -> None:
     np.testing.assert_array_equal(read(data).cloud.points, [[1, 2, 3]])
 
 
+def test_a_utf8_mark_before_the_first_line_is_passed_over() -> None:
+    data = b"\xef\xbb\xbf" + ascii_ply(XYZ, "1 2 3", "4 5 6")
+    np.testing.assert_array_equal(read(data).cloud.points, [[1, 2, 3], [4, 5, 6]])
+
+
+def test_a_mesh_is_said_to_be_one() -> None:
+    faces = "element face 1\nproperty list uchar int vertex_indices\n"
+    found = read(ascii_ply(XYZ, *["1 2 3"] * 3, "3 0 1 2", count=3, after=faces))
+    assert len(found.cloud) == 3 and not found.warnings
+    assert any("the file is a mesh: its vertices" in note for note in found.cloud.notes)
+
+
 def test_compressed_splats_are_named() -> None:
     error = fails(ascii_ply("property uint packed_position\n", "1"))
     assert error.code == "ply.vertex.coordinates"

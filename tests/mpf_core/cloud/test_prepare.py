@@ -127,6 +127,19 @@ def test_outliers_go_on_request() -> None:
     np.testing.assert_array_equal(prepared.cloud.points, points[:-2])
 
 
+def test_every_step_has_its_sentence() -> None:
+    points = np.concatenate([grid(50), grid(50)[:7], [[20, 20, 500.0], [np.nan, 0, 0]]])
+    report = prepare(PointCloud(points), PrepareOptions(outlier_sigma=4)).report
+    assert report.steps[:5] == (
+        "2509 points received",
+        "1 points with NaN or infinite coordinates dropped",
+        "7 exact duplicates merged",
+        "1 outliers removed",
+        "2500 points kept",
+    )
+    assert len(report.steps) > 5  # spacing, density and the normals' reliability
+
+
 def test_density_of_a_sheet_and_of_noise() -> None:
     sheet = measure_density(grid(60) * 0.25 + UTM)
     assert sheet.spacing == pytest.approx(0.25, rel=1e-6)

@@ -62,6 +62,8 @@ def test_paths_that_are_no_files(tmp_path: Path) -> None:
         b"LASF",
         b"{}",
         b"<a>",
+        b"ncols 4\nnrows 2\n",
+        b"VERSION .7\nFIELDS x y z\n1 2 3\n",
     ],
 )
 def test_other_formats_are_named_and_never_opened(tmp_path: Path, data: bytes) -> None:

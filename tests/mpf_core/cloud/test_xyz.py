@@ -94,6 +94,16 @@ def test_rows_after_the_leading_count_are_left_out_with_a_warning() -> None:
     assert any("1 rows after them are left out" in warning for warning in found.warnings)
 
 
+def test_a_column_that_may_number_the_points_is_warned_of() -> None:
+    def warned(rows: str) -> bool:
+        return any("column 1 counts the rows" in warning for warning in read(rows).warnings)
+
+    assert warned("1 5 6 7\n2 8 9 1\n3 2 4 6\n")
+    assert not warned("1 5 6 7\n2 8 9 1\n4 2 4 6\n")
+    assert not warned("1 5 6\n2 8 9\n3 2 4\n")
+    assert not warned("x,y,z,i\n1,5,6,7\n2,8,9,1\n3,2,4,6\n")
+
+
 def test_decimal_commas() -> None:
     for text in ("1,5;2,5;3,5\n1;2;3\n", "1,5 2,5 3,5\n1 2 3\n", "1,5\t2,5\t3,5\n1\t2\t3\n"):
         np.testing.assert_array_equal(read(text).cloud.points, [[1.5, 2.5, 3.5], [1, 2, 3]])
