@@ -34,9 +34,10 @@ from mpf_core.fit.initialize import Initialization, initialize
 from mpf_core.fit.sampler import paper_pools, warm_pools
 from mpf_core.fit.trainer import FitLog, fit_field
 from mpf_core.options import Options
+from mpf_core.parallel import workers
 from mpf_core.progress import CancelCheck, ProgressCallback
 from mpf_core.quality.report import input_report, run_report, surface_report
-from mpf_core.surface.extraction import extract_mesh, flushed_denormals
+from mpf_core.surface.extraction import extract_mesh
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.resolution import shell_of
 from mpf_core.watch import Clock, Watch
@@ -79,11 +80,16 @@ def reconstruct(
     return reconstruct_cloud(cloud, options, Watch(clock, progress, cancel))
 
 
-@flushed_denormals()
 def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reconstruction:
     """The pipeline itself."""
     threads = options.threads or torch.get_num_threads()
-    torch.set_num_threads(threads)
+    with workers(threads):
+        return _reconstructed(cloud, options, watch, threads)
+
+
+def _reconstructed(
+    cloud: PointCloud, options: Options, watch: Watch, threads: int
+) -> Reconstruction:
     watch.enter("prepare")
     prepared = prepare(cloud, PrepareOptions(outlier_sigma=options.fit.outlier_sigma))
     cloud = prepared.cloud

@@ -13,6 +13,7 @@ from mpf_core.cloud.normalize import Similarity
 from mpf_core.field.footprint import Footprint
 from mpf_core.field.jet import Order
 from mpf_core.field.metric_phase import MetricPhaseField
+from mpf_core.parallel import shared
 
 CHUNK = 8192  # 256 units × 8192 points × 4 bytes = 8 MiB a layer
 NAMES = ("phi", "r", "theta", "P")
@@ -65,10 +66,13 @@ def _chunked(
     evaluate: Callable[[torch.Tensor], torch.Tensor],
 ) -> Callable[[NDArray[np.float64]], Values]:
     def all_of(points: NDArray[np.float64]) -> Values:
-        with torch.inference_mode():
-            x = torch.from_numpy(np.ascontiguousarray(points, dtype=np.float32))
-            parts = [evaluate(part) for part in torch.split(x, CHUNK)] or [evaluate(x)]
-            values: Values = torch.cat(parts).numpy()
+        x = torch.from_numpy(np.ascontiguousarray(points, dtype=np.float32))
+
+        def part(rows: slice) -> torch.Tensor:
+            with torch.inference_mode():
+                return torch.cat([evaluate(chunk) for chunk in torch.split(x[rows], CHUNK)])
+
+        values: Values = torch.cat(shared(part, len(x), smallest=CHUNK)).numpy()
         return values
 
     return all_of

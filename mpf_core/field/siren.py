@@ -2,8 +2,8 @@
 
 The network is two sine layers shared by both heads, then one sine layer and a linear output for
 each head (section Network Architecture). Gradients are carried by hand in reverse (cheapest for
-first derivatives), Laplacians by hand forwards; both consist of plain tensor operations, so that
-one ordinary backward pass differentiates a loss of them.
+first derivatives), Laplacians by hand forwards (`waves`), so that one backward pass
+differentiates a loss of them.
 
 Letters: n points, h width. Coordinates in normalised units ([-1, 1]³).
 """
@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from mpf_core.field.jet import Jet, Order
+from mpf_core.field.sweeps import GradientSweep, LaplacianSweep, ValueSweep
 
 
 class Siren(nn.Module):
@@ -54,26 +55,27 @@ class Siren(nn.Module):
 
     def forward(self, x: Float[Tensor, "n 3"], order: Order) -> tuple[Jet, Jet]:
         """The raw metric output (before its softplus) and θ, with derivatives up to `order`."""
-        if order is Order.LAPLACIAN:
-            return self._with_laplacian(x)
-        z1 = functional.linear(x, self.input_weight, self.input_bias)  # (n, h)
-        z2 = functional.linear(z1.sin(), self.shared_weight, self.shared_bias)  # (n, h)
-        s2 = z2.sin()
-        zm = functional.linear(s2, self.metric_weight, self.metric_bias)  # (n, h)
-        zp = functional.linear(s2, self.phase_weight, self.phase_bias)  # (n, h)
-        metric = zm.sin() @ self.metric_output + self.metric_offset  # (n,)
-        phase = zp.sin() @ self.phase_output + self.phase_offset  # (n,)
+        parameters = self._parameters_of_sweeps()
         if order is Order.VALUE:
-            return Jet(metric), Jet(phase)
-        c1, c2 = z1.cos(), z2.cos()
+            y = ValueSweep.apply(x, *parameters)  # type: ignore[no-untyped-call]
+            return Jet(y[0]), Jet(y[1])
+        if order is Order.GRADIENT:
+            y, g = GradientSweep.apply(x, *parameters)  # type: ignore[no-untyped-call]
+            return Jet(y[0], g[0]), Jet(y[1], g[1])
+        y, g, laplacian = LaplacianSweep.apply(x, *parameters)  # type: ignore[no-untyped-call]
+        return Jet(y[0], g[0], laplacian[0]), Jet(y[1], g[1], laplacian[1])
 
-        def gradient(z: Tensor, weight: Tensor, output: Tensor) -> Tensor:
-            to_shared = (output * z.cos()) @ weight * c2  # (n, h)
-            return (to_shared @ self.shared_weight * c1) @ self.input_weight  # (n, 3)
-
+    def _parameters_of_sweeps(self) -> tuple[Tensor, ...]:
+        """(W₁, b₁, W₂, b₂, V, b₃, v, offsets), the heads stacked, metric first."""
         return (
-            Jet(metric, gradient(zm, self.metric_weight, self.metric_output)),
-            Jet(phase, gradient(zp, self.phase_weight, self.phase_output)),
+            self.input_weight,
+            self.input_bias,
+            self.shared_weight,
+            self.shared_bias,
+            torch.stack([self.metric_weight, self.phase_weight]),
+            torch.stack([self.metric_bias, self.phase_bias]),
+            torch.stack([self.metric_output, self.phase_output]),
+            torch.stack([self.metric_offset, self.phase_offset]),
         )
 
     def phase_value(self, x: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
@@ -91,31 +93,3 @@ class Siren(nn.Module):
         value = z3.sin() @ self.phase_output + self.phase_offset
         back = (self.phase_output * z3.cos()) @ self.phase_weight * z2.cos()
         return Jet(value, (back @ self.shared_weight * z1.cos()) @ self.input_weight)
-
-    def _with_laplacian(self, x: Float[Tensor, "n 3"]) -> tuple[Jet, Jet]:
-        """Forward propagation of (∂x, ∂y, ∂z, Δ) beside the value, stacked as (4, n, h)."""
-        n = len(x)
-        z1 = functional.linear(x, self.input_weight, self.input_bias)
-        s1, c1 = z1.sin(), z1.cos()
-        tangent = c1 * self.input_weight.t()[:, None, :]  # (3, n, h)
-        laplace = -s1 * self.input_weight.square().sum(1)  # (n, h)
-        stacked = torch.cat([tangent, laplace[None]])  # (4, n, h)
-
-        def sine_layer(s: Tensor, d: Tensor, weight: Tensor, bias: Tensor) -> tuple[Tensor, Tensor]:
-            z = functional.linear(s, weight, bias)
-            q = functional.linear(d.reshape(4 * n, -1), weight).reshape(4, n, -1)
-            sin, cos = z.sin(), z.cos()
-            bend = cos * q[3] - sin * q[:3].square().sum(0)
-            return sin, torch.cat([cos * q[:3], bend[None]])
-
-        s2, d2 = sine_layer(s1, stacked, self.shared_weight, self.shared_bias)
-
-        def head(weight: Tensor, bias: Tensor, output: Tensor, offset: Tensor) -> Jet:
-            s3, d3 = sine_layer(s2, d2, weight, bias)
-            d = d3 @ output  # (4, n)
-            return Jet(s3 @ output + offset, d[:3].t(), d[3])
-
-        return (
-            head(self.metric_weight, self.metric_bias, self.metric_output, self.metric_offset),
-            head(self.phase_weight, self.phase_bias, self.phase_output, self.phase_offset),
-        )

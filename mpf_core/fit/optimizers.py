@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from mpf_core.field import MetricPhaseField
 from mpf_core.options import FitOptions
+from mpf_core.parallel import shared
 
 # Quintic Newton–Schulz coefficients of Jordan et al. 2024: they push singular values to about 1
 # in five products, without the last digits of an exact orthogonalisation.
@@ -28,7 +29,8 @@ class Muon:
     def step(self, rate: float) -> None:
         gradient = torch.stack([m.grad for m in self.matrices if m.grad is not None])
         self.buffer.mul_(self.momentum).add_(gradient)
-        update = self._orthogonalise(gradient + self.momentum * self.buffer)
+        direction = gradient + self.momentum * self.buffer
+        update = torch.cat(shared(lambda part: self._orthogonalise(direction[part]), len(gradient)))
         for matrix, change in zip(self.matrices, update, strict=True):
             matrix.add_(change, alpha=-rate)
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -32,16 +29,6 @@ class Extraction:
     report: dict[str, Any]
 
 
-@contextmanager
-def flushed_denormals() -> Iterator[None]:
-    """Denormals slow the products down; the caller's process gets its own setting back."""
-    torch.set_flush_denormal(True)
-    try:
-        yield
-    finally:
-        torch.set_flush_denormal(False)
-
-
 def extract_mesh(
     fitted: FittedField,
     options: SurfaceOptions,
@@ -49,7 +36,7 @@ def extract_mesh(
     painted: Painted | None = None,
     cancel: CancelCheck | None = None,
 ) -> Extraction:
-    """The zero level of the field as a mesh, on as many threads as torch is set to.
+    """The zero level of the field as a mesh, on the threads of the caller's `parallel.workers`.
 
     The same field gives the same mesh bit for bit where denormals are flushed in both runs.
     painted: normalised samples with their colours; the footprint's if not given. Raises NoSurface,

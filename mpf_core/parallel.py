@@ -1,0 +1,67 @@
+"""Threads that share one step's work: each takes a part of the points, on one core.
+
+Data-parallel blocks beat threads inside every operation: there is no barrier after each of the
+hundreds of small operations of a step, a part stays in its core's cache, and a busy machine slows
+a step by the share of time that it takes, not by a wait at every barrier. Results depend on the
+number of threads (the order of sums), not on timing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from itertools import pairwise
+from typing import TypeVar
+
+import torch
+
+T = TypeVar("T")
+
+_executor: ThreadPoolExecutor | None = None
+_count = 1
+
+
+@contextmanager
+def workers(threads: int) -> Iterator[None]:
+    """Within, `shared` uses so many threads, and torch one for each operation.
+
+    Denormals, which slow products down, count as zero; afterwards the caller's process has its
+    own settings back.
+    """
+    global _executor, _count
+    before = _executor, _count, torch.get_num_threads()
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
+    executor = None if threads == 1 else ThreadPoolExecutor(threads, "mpf", _prepare)
+    _executor, _count = executor, threads
+    try:
+        yield
+    finally:
+        _executor, _count, threads_before = before
+        torch.set_num_threads(threads_before)
+        torch.set_flush_denormal(_executor is not None)
+        if executor is not None:
+            executor.shutdown()
+
+
+def shared(job: Callable[[slice], T], size: int, *, smallest: int = 1) -> list[T]:
+    """job(part) for contiguous parts of range(size), one for each thread, in order.
+
+    Parts have at least `smallest` members, so that little work stays on one thread.
+    """
+    parts = _parts(size, max(1, min(_count, size // smallest)))
+    if _executor is None or len(parts) == 1:
+        return [job(part) for part in parts]
+    return list(_executor.map(job, parts))
+
+
+def _parts(size: int, count: int) -> Sequence[slice]:
+    edges = [size * k // count for k in range(count + 1)]
+    return [slice(low, high) for low, high in pairwise(edges)]
+
+
+def _prepare() -> None:
+    """Denormals are a setting of each thread, and so is recording for autograd."""
+    torch.set_flush_denormal(True)
+    torch.set_grad_enabled(False)
