@@ -1,14 +1,23 @@
-"""What holds for every test: a GLB that it writes is one that Khronos' validator finds sound."""
+"""What holds for every test: a GLB that it writes is one that Khronos' validator finds sound.
+
+And a busy machine is no fault: Hypothesis' own bounds measure the time of the clock on the wall.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from mpf_core.surface import export
 from mpf_core.surface.mesh import Mesh
 from tests import gltf
+
+settings.register_profile(
+    "busy machine", deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("busy machine")
 
 
 @pytest.fixture(autouse=True)
