@@ -10,7 +10,9 @@
     │   └── OptionsError           an option is unknown, out of range or contradicts another
     │       └── OutsideBox
     ├── FitError                   the fit could not end well: exit code 3, HTTP job `failed`
-    │   └── Diverged
+    │   ├── Diverged
+    │   ├── OutOfTime
+    │   └── CheckpointError
     ├── SurfaceError               there is no surface to take from the field
     │   ├── NoSurface
     │   └── ResolutionTooHigh
@@ -133,6 +135,18 @@ class Diverged(FitError):
     """The loss grew without bound and retries at lower rates did not help."""
 
     code = "fit.diverged"
+
+
+class OutOfTime(FitError):
+    """The time budget ended before there was a surface."""
+
+    code = "fit.out_of_time"
+
+
+class CheckpointError(FitError):
+    """A checkpoint is damaged or of another fit; the fit begins anew."""
+
+    code = "fit.checkpoint"
 
 
 class SurfaceError(MPFError):

@@ -115,6 +115,13 @@ class FitOptions:
     gradient_clip: float = option(
         0.0, "Largest norm of the whole gradient; 0 leaves it alone.", low=0.0, high=LARGEST
     )
+    patience: float = option(
+        0.15,
+        "The best state is kept, and the fit ends when there was no better one for this share of "
+        "its iterations; at 0 it runs to its end and the last one is kept.",
+        low=0.0,
+        high=1.0,
+    )
     align_from: float = option(
         0.3, "Share of the iterations after which the align term is on.", low=0.0, high=1.0
     )
@@ -196,6 +203,7 @@ PRESETS: dict[str, Options] = {
             laplacian_points=15_000,
             optimizer="adam",
             schedule="constant",
+            patience=0.0,
             learning_rate=5e-5,
             gradient_clip=1.4e-3,
             weight_phase=0.002,

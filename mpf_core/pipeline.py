@@ -116,13 +116,10 @@ def _reconstructed(
     field, log = fit_field(
         pools,
         options.fit,
+        watch.control((1 - EXTRACTION_SHARE) * options.fit.time_budget),
         seed=options.seed,
         reliability=neighbours.normal_reliability,
-        clock=watch.clock,
-        deadline=watch.begin + (1 - EXTRACTION_SHARE) * options.fit.time_budget,
-        report=watch.on_step,
-        stop=watch.stop,
-        cancel=watch.cancel,
+        threads=threads,
     )
 
     watch.enter("extract")
@@ -166,7 +163,10 @@ def _fit_report(
         "stopped_by": log.stopped_by,
         "seconds": round(log.seconds, 3),
         "iterations_per_second": round(log.iterations / max(log.seconds, 1e-9), 3),
+        "kept_iteration": log.kept,
+        "resumed_from": log.resumed_from,
         "retries": log.retries,
+        "notes": log.notes,
         "normal_term": log.normal_term,
         "normal_reliability": round(neighbours.normal_reliability, 4),
         "enclosed_regions": None if start is None else start.space.enclosures,

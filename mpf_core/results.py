@@ -27,15 +27,19 @@ def reconstruct_file(
     progress: ProgressCallback | None = None,
     stop: CancelCheck | None = None,
     cancel: CancelCheck | None = None,
+    checkpoint: Path | None = None,
     clock: Clock = time.monotonic,
 ) -> dict[str, Any]:
     """Read a cloud and write mesh.glb, mesh.ply, field.safetensors, slices/{axis}/{index}.png and
     report.json.
 
     `stop` ends the fit and takes the surface that it has come to; `cancel` ends everything.
+    The state of the fit is kept in the file `checkpoint` every 15 s, and taken from it at first
+    where it holds one of the same cloud, options and threads: the result is then the same as
+    without the interruption. A file that cannot be used is told of in the report.
     Returns the report. Raises InputError, FitError, SurfaceError, Cancelled.
     """
-    watch = Watch(clock, progress, cancel, stop=stop)
+    watch = Watch(clock, progress, cancel, stop=stop, checkpoint=checkpoint)
     watch.enter("read")
     cloud = read_cloud(cloud_path)
     result = reconstruct_cloud(cloud, options, watch)

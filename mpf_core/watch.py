@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 from mpf_core.errors import Cancelled
-from mpf_core.fit.trainer import StepReport
+from mpf_core.fit.trainer import Control, StepReport
 from mpf_core.progress import CancelCheck, Progress, ProgressCallback
 
 Clock = Callable[[], float]
@@ -25,7 +26,9 @@ class Watch:
         cancel: CancelCheck | None,
         begin: float | None = None,
         stop: CancelCheck | None = None,
+        checkpoint: Path | None = None,
     ):
+        self.checkpoint = checkpoint
         self.clock, self.progress, self.cancel, self.stop = clock, progress, cancel, stop
         self.begin = clock() if begin is None else begin
         self.stage, self.since = "", self.begin
@@ -48,6 +51,17 @@ class Watch:
     def check(self) -> None:
         if self.cancel is not None and self.cancel():
             raise Cancelled("the reconstruction was cancelled", where=self.stage)
+
+    def control(self, seconds: float) -> Control:
+        """What the fit needs of it, with a deadline so many seconds after the beginning."""
+        return Control(
+            self.clock,
+            self.begin + seconds,
+            report=self.on_step,
+            stop=self.stop,
+            cancel=self.cancel,
+            checkpoint=self.checkpoint,
+        )
 
     def on_step(self, step: StepReport) -> None:
         """Forward a report from the fit."""

@@ -13,6 +13,8 @@ from mpf_core.fit import losses
 from mpf_core.fit.sampler import Pools
 from mpf_core.options import FitOptions
 
+EXAMINED = 4096  # points of each kind by which states of the fit are compared
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -25,6 +27,15 @@ class Stage:
     align: bool
     normal: bool
     regression: float
+
+
+@dataclass(frozen=True)
+class Examination:
+    """Samples (n, 3) and points of free space (n, 3) with their side (n,), where known."""
+
+    surface: Float[Tensor, "n 3"]
+    far: Float[Tensor, "n 3"]
+    side: Float[Tensor, " n"] | None
 
 
 @dataclass(frozen=True)
@@ -53,6 +64,24 @@ class Objective:
         """The weighted sum (the paper's objective, plus the regression while it lasts)."""
         weights = {**loss_weights(self.options), "regression": stage.regression}
         return torch.stack([weights[name] * term for name, term in terms.items()]).sum()
+
+    def examination(self, seed: int) -> Examination:
+        """Points to judge states of the fit by, the same ones each time."""
+        generator = torch.Generator().manual_seed(seed)
+        surface, far = self.pools.surface, self.pools.far
+        on = torch.randint(len(surface), (EXAMINED,), generator=generator)
+        off = torch.randint(len(far), (EXAMINED,), generator=generator)
+        return Examination(surface[on], far.x[off], None if far.side is None else far.side[off])
+
+    @torch.no_grad()
+    def examined(self, points: Examination) -> float:
+        """How far the surface is from the samples, and free space from being free."""
+        options = self.options
+        on = self.field(points.surface, Order.VALUE)
+        off = self.field(points.far, Order.VALUE)
+        value = options.weight_zero * losses.zero_loss(on)
+        value = value + options.weight_phase * losses.phase_loss(off.indicator, points.side)
+        return float(value + options.weight_far * losses.far_loss(off, options.alpha))
 
     def _gradient_terms(self, stage: Stage) -> dict[str, Tensor]:
         options, pools = self.options, self.pools

@@ -1,8 +1,6 @@
-"""Adam for vectors and β, Muon for the square matrices, under one learning-rate schedule."""
+"""Adam for vectors and β, Muon for the square matrices."""
 
 from __future__ import annotations
-
-import math
 
 import torch
 from torch import Tensor, nn
@@ -14,8 +12,6 @@ from mpf_core.parallel import shared
 # Quintic Newton–Schulz coefficients of Jordan et al. 2024: they push singular values to about 1
 # in five products, without the last digits of an exact orthogonalisation.
 QUINTIC = (3.4445, -4.7750, 2.0315)
-WARM_UP = 20  # steps
-LAST_RATE = 0.02  # of the first
 
 
 class Muon:
@@ -27,12 +23,24 @@ class Muon:
 
     @torch.no_grad()
     def step(self, rate: float) -> None:
-        gradient = torch.stack([m.grad for m in self.matrices if m.grad is not None])
+        gradient = self._gradient()
         self.buffer.mul_(self.momentum).add_(gradient)
-        direction = gradient + self.momentum * self.buffer
-        update = torch.cat(shared(lambda part: self._orthogonalise(direction[part]), len(gradient)))
+        update = self.update(gradient + self.momentum * self.buffer)
         for matrix, change in zip(self.matrices, update, strict=True):
             matrix.add_(change, alpha=-rate)
+
+    @torch.no_grad()
+    def rehearse(self) -> None:
+        """The work of a step without its effect."""
+        self.update(self._gradient())
+
+    def update(self, direction: Tensor) -> Tensor:
+        """Each of the matrices (m, h, h) orthogonalised."""
+        parts = shared(lambda part: self._orthogonalise(direction[part]), len(direction))
+        return torch.cat(parts)
+
+    def _gradient(self) -> Tensor:
+        return torch.stack([m.grad for m in self.matrices if m.grad is not None])
 
     def _orthogonalise(self, update: Tensor) -> Tensor:
         a, b, c = QUINTIC
@@ -46,38 +54,56 @@ class Muon:
 class Optimizer:
     """The optimisers of one fit as a single step."""
 
-    def __init__(self, field: MetricPhaseField, options: FitOptions, slowdown: float = 1.0):
-        self.options, self.slowdown = options, slowdown
+    def __init__(self, field: MetricPhaseField, options: FitOptions):
+        self.options = options
         self.parameters = list(field.parameters())
         matrices = field.siren.square_matrices() if options.optimizer == "muon" else []
         self.muon = Muon(matrices) if matrices else None
         taken = {id(p) for p in [*matrices, field.beta]}
         rest = [p for p in self.parameters if id(p) not in taken]
+        self.adam_parameters = [*rest, field.beta]
         betas = (0.9, 0.99) if self.muon else (0.9, 0.999)
         self.adam = torch.optim.Adam(
             [{"params": rest}, {"params": [field.beta]}], betas=betas, fused=True
         )
 
-    def step(self, done: float, iteration: int) -> None:
-        """Apply the gradients that stand in the parameters; `done` is the share of the fit."""
+    def step(self, rate: float) -> None:
+        """Apply the gradients that stand in the parameters, at `rate` times the options' rates."""
         options = self.options
-        scale = self.slowdown * schedule(options.schedule, done, iteration)
-        self.adam.param_groups[0]["lr"] = options.learning_rate * scale
+        self.adam.param_groups[0]["lr"] = options.learning_rate * rate
         self.adam.param_groups[1]["lr"] = options.beta_learning_rate
         if options.gradient_clip > 0:
             nn.utils.clip_grad_norm_(self.parameters, options.gradient_clip)
         self.adam.step()
         if self.muon:
-            self.muon.step(options.muon_learning_rate * scale)
+            self.muon.step(options.muon_learning_rate * rate)
+
+    def rehearse(self) -> None:
+        """The work of a step without its effect, but for Adam's small part."""
+        if self.muon:
+            self.muon.rehearse()
 
     def zero_grad(self) -> None:
         for parameter in self.parameters:
             parameter.grad = None
 
+    def state(self) -> dict[str, Tensor]:
+        """Momenta and step counts, copied; nothing before the first step."""
+        tensors = {}
+        for k, parameter in enumerate(self.adam_parameters):
+            for name, value in self.adam.state.get(parameter, {}).items():
+                tensors[f"{k}.{name}"] = value.clone()
+        if self.muon:
+            tensors["momentum"] = self.muon.buffer.clone()
+        return tensors
 
-def schedule(kind: str, done: float, iteration: int) -> float:
-    """Factor on the learning rates."""
-    if kind == "constant":
-        return 1.0
-    decay = max(0.5 * (1 + math.cos(math.pi * done)), LAST_RATE)
-    return decay * min(1.0, iteration / WARM_UP + 0.05)
+    def restore(self, tensors: dict[str, Tensor]) -> None:
+        """The inverse of `state`."""
+        self.adam.state.clear()
+        for key, value in tensors.items():
+            if key == "momentum":
+                if self.muon:
+                    self.muon.buffer.copy_(value)
+                continue
+            k, name = key.split(".")
+            self.adam.state[self.adam_parameters[int(k)]][name] = value.clone()

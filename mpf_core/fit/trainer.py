@@ -1,30 +1,41 @@
-"""The loop: schedule, caps, stop rules, progress, cancel. The only state of a fit lives here."""
+"""The loop: caps, stop rules, roll-back, checkpoints, progress, cancel.
+
+The only state of a fit lives here. `schedule` says what each step consists of, `checkpoint` keeps
+the state, `fit_field` is what callers use.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from statistics import median
 
 import torch
 from torch import Tensor
 
-from mpf_core.errors import Cancelled, Diverged
+from mpf_core.errors import Cancelled, CheckpointError, Diverged, OutOfTime
 from mpf_core.field import MetricPhaseField
+from mpf_core.fit.checkpoint import State, fingerprint, read_state, write_state
 from mpf_core.fit.objective import Objective, Stage
 from mpf_core.fit.optimizers import Optimizer
 from mpf_core.fit.sampler import Pools
+from mpf_core.fit.schedule import Costs, Schedule
 from mpf_core.options import FitOptions
 from mpf_core.progress import CancelCheck
 
 RELIABLE_NORMALS = 0.8  # share of agreeing PCA normals from which the normal term is on
 REPORT_EVERY = 20  # iterations between two progress reports
-REGRESSION_ALONE = 0.8  # share of the warm start before the paper's terms join
-RETRIES = 3  # at half the rates each, after the loss stopped being finite
-REHEARSALS = 5  # steps, spread over the fit, that are timed before the schedule is laid out
-RESERVE = 0.97  # of the time left is planned for; the rest is for steps slower than rehearsed
+JUDGE_EVERY = 100  # iterations between two looks at how good the state is; kept to go back to
+JUMP = 20.0  # times the recent loss: a fit beyond it has diverged
+RETRIES = 3  # at half the rates each, from the last good state
+REHEARSALS = 3  # steps of each kind that are timed; the fastest counts
+FEWEST = 50  # iterations: with less the field is not yet a surface
+KEEP_EVERY = 15.0  # seconds between two checkpoints on disk
 
 Clock = Callable[[], float]
+Values = dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -35,7 +46,7 @@ class StepReport:
     planned: int
     seconds: float
     loss: float
-    losses: dict[str, float]
+    losses: Values
 
 
 @dataclass
@@ -43,8 +54,9 @@ class FitLog:
     """What the fit did, for the report.
 
     `planned` is the number of iterations that the schedule was laid out for; `stopped_by` one of
-    "iterations", "clock", "cancel" (the caller's `stop`). A run with `--max-iterations planned`
-    and a time budget that does not bind repeats it.
+    "iterations", "plateau", "clock", "cancel" (the caller's `stop`). A run with
+    `--max-iterations planned` and a time budget that does not bind repeats it. `kept` is the
+    iteration whose state was delivered, `resumed_from` the one that a checkpoint held.
     """
 
     planned: int = 0
@@ -53,7 +65,28 @@ class FitLog:
     stopped_by: str = "iterations"
     normal_term: bool = False
     retries: int = 0
+    kept: int = 0
+    resumed_from: int | None = None
+    notes: list[str] = field(default_factory=list)
     history: list[StepReport] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Control:
+    """What ends a fit early, who hears of it, and where its state is kept.
+
+    deadline: of `clock`; stop: ends the fit with what it has; cancel: with nothing; snapshot: is
+    shown the field now and then; checkpoint: a file to go on from, if there is one, and to keep
+    the state in
+    """
+
+    clock: Clock
+    deadline: float
+    report: Callable[[StepReport], None] | None = None
+    stop: CancelCheck | None = None
+    cancel: CancelCheck | None = None
+    snapshot: Callable[[MetricPhaseField], None] | None = None
+    checkpoint: Path | None = None
 
 
 def wants_normals(options: FitOptions, reliability: float) -> bool:
@@ -66,40 +99,29 @@ def wants_normals(options: FitOptions, reliability: float) -> bool:
 def fit_field(
     pools: Pools,
     options: FitOptions,
+    control: Control,
     *,
     seed: int,
     reliability: float,
-    clock: Clock,
-    deadline: float,
-    report: Callable[[StepReport], None] | None = None,
-    stop: CancelCheck | None = None,
-    cancel: CancelCheck | None = None,
+    threads: int = 1,
 ) -> tuple[MetricPhaseField, FitLog]:
-    """Fit a field to the pools until the iteration cap, the `deadline` of `clock`, or `stop`.
+    """Fit a field to the pools until the iteration cap, a plateau, the deadline, or `stop`.
 
-    A stopped fit returns what it has. Raises Cancelled when `cancel` says so, and Diverged when
-    retries at lower rates do not help.
+    Raises Cancelled when `cancel` says so, or `stop` before there is a surface; OutOfTime when
+    the deadline leaves too few iterations for one; Diverged when lower rates do not help.
     """
     log = FitLog(normal_term=wants_normals(options, reliability))
-    for attempt in range(RETRIES + 1):
-        trainer = Trainer(pools, options, seed, log, slowdown=0.5**attempt)
-        if trainer.run(clock, deadline, report, stop, cancel):
-            return trainer.field, log
-        log.retries += 1
-    raise Diverged(
-        "the fit diverged",
-        where=f"iteration {log.iterations}",
-        advice="Lower learning_rate and muon_learning_rate, or use another seed.",
-    )
+    trainer = Trainer(pools, options, seed, log)
+    trainer.name = fingerprint(pools, options, seed, threads)
+    trainer.run(control)
+    return trainer.field, log
 
 
 class Trainer:
-    """One attempt at a fit."""
+    """A fit under way."""
 
-    def __init__(
-        self, pools: Pools, options: FitOptions, seed: int, log: FitLog, slowdown: float = 1.0
-    ):
-        self.options, self.log = options, log
+    def __init__(self, pools: Pools, options: FitOptions, seed: int, log: FitLog):
+        self.options, self.log, self.name = options, log, ""
         self.generator = torch.Generator().manual_seed(seed)
         self.field = MetricPhaseField(
             width=options.width,
@@ -110,91 +132,222 @@ class Trainer:
             generator=self.generator,
         )
         self.objective = Objective(self.field, pools, options, self.generator)
-        self.optimizer = Optimizer(self.field, options, slowdown)
+        self.optimizer = Optimizer(self.field, options)
+        self.schedule = Schedule(options, log.normal_term)
+        self.examination = self.objective.examination(seed)
+        self.iteration, self.planned, self.settled = 0, options.max_iterations, False
+        self.slowdown, self.seconds_before = 1.0, 0.0
+        self.best: tuple[float, int, dict[str, Tensor]] | None = None
 
-    def run(
-        self,
-        clock: Clock,
-        deadline: float,
-        report: Callable[[StepReport], None] | None,
-        stop: CancelCheck | None,
-        cancel: CancelCheck | None,
-    ) -> bool:
-        """True when the fit ended as planned, by the clock or by `stop`; False on divergence."""
-        begin = clock()
-        planned = self.plan(clock, deadline)
-        iteration = 0
-        stopped_by = "iterations"
-        while iteration < planned:
-            if cancel is not None and cancel():
-                raise Cancelled("the fit was cancelled", where=f"iteration {iteration}")
-            if stop is not None and stop():
-                stopped_by = "cancel"
+    def run(self, control: Control) -> None:
+        """Step until something ends the fit; leaves the best state in `field`."""
+        self._resume(control.checkpoint)
+        begin = control.clock()
+        costs = self._rehearsed(control.clock)
+        good, kept_at = self.state(), begin
+        while True:
+            now = control.clock()
+            self._plan(costs, now - begin, control.deadline - begin)
+            ended = self._ended(control, now)
+            if ended is not None:
                 break
-            if clock() >= deadline:
-                stopped_by = "clock"
-                break
-            done = iteration / planned
-            stage = self.stage(done)
-            terms = self.step(stage, done, iteration)
-            iteration += 1
-            if iteration % REPORT_EVERY == 0 or iteration == planned:
-                entry = self._entry(iteration, planned, clock() - begin, terms, stage)
-                if not math.isfinite(entry.loss):
-                    return False
-                self.log.history.append(entry)
-                if report is not None:
-                    report(entry)
-        self.log.planned, self.log.iterations = planned, iteration
-        self.log.seconds, self.log.stopped_by = clock() - begin, stopped_by
-        return True
+            terms, stage = self.step()
+            if self.iteration % REPORT_EVERY == 0 or self.iteration == self.planned:
+                entry = self._entry(control.clock() - begin, terms, stage)
+                if self._diverged(entry):
+                    self._go_back(good)
+                    continue
+                self._tell(entry, control)
+                if self.iteration % JUDGE_EVERY == 0 or self.iteration == self.planned:
+                    good = self.state()
+                    self._judge()
+            if control.checkpoint is not None and control.clock() - kept_at > KEEP_EVERY:
+                self._keep(control, begin)
+                kept_at = control.clock()
+        self._finish(ended, control.clock() - begin)
 
-    def stage(self, done: float) -> Stage:
-        """Which terms are on at the share `done` of the fit."""
-        options = self.options
-        if not options.warm_start or done >= options.warm_fraction:
-            return Stage(True, done >= options.align_from, self.log.normal_term, 0.0)
-        alone = options.warm_fraction * REGRESSION_ALONE
-        if done < alone:
-            return Stage(False, False, False, 1.0)
-        # Faded, not cut: a step in the objective throws the optimisers' momenta off.
-        fade = 0.5 * (1 + math.cos(math.pi * (done - alone) / (options.warm_fraction - alone)))
-        return Stage(True, done >= options.align_from, self.log.normal_term, fade)
-
-    def step(self, stage: Stage, done: float, iteration: int) -> dict[str, Tensor]:
+    def step(self) -> tuple[dict[str, Tensor], Stage]:
         """One iteration; returns the unweighted terms."""
+        stage = self.schedule.stage(self.iteration, self.planned)
         self.optimizer.zero_grad()
         terms = self.objective.terms(stage)
         self.objective.total(terms, stage).backward()  # type: ignore[no-untyped-call]
-        self.optimizer.step(done, iteration)
-        return terms
+        rate = self.slowdown * self.schedule.rate(self.iteration, self.planned)
+        self.optimizer.step(rate)
+        self.iteration += 1
+        return terms, stage
 
-    def plan(self, clock: Clock, deadline: float) -> int:
-        """As many iterations as fit before the deadline, at most the cap.
+    def state(self) -> State:
+        """All that the next step depends on, copied."""
+        tensors = {f"field.{k}": v.clone() for k, v in self.field.state_dict().items()}
+        tensors |= {f"optimizer.{k}": v for k, v in self.optimizer.state().items()}
+        tensors["generator"] = self.generator.get_state()
+        if self.best is not None:
+            tensors |= {f"best.{k}": v for k, v in self.best[2].items()}
+        facts = {
+            "iteration": self.iteration,
+            "planned": self.planned,
+            "settled": self.settled,
+            "slowdown": self.slowdown,
+            "retries": self.log.retries,
+            "seconds": self.seconds_before,
+            "best": None if self.best is None else self.best[:2],
+        }
+        return State(tensors, facts, [asdict(entry) for entry in self.log.history])
 
-        The schedule is laid out once, from steps rehearsed at moments spread over the fit, so that
-        a run depends on the clock through one number only.
-        """
-        moments = [(i + 0.5) / REHEARSALS for i in range(REHEARSALS)]
-        for done in moments:  # the first steps allocate; they are slower and not timed
-            self.rehearse(done)
-        begin = clock()
-        for done in moments:
-            self.rehearse(done)
-        per_step = max((clock() - begin) / REHEARSALS, 1e-9)
-        affordable = int(RESERVE * (deadline - clock()) / per_step)
-        return max(1, min(self.options.max_iterations, affordable))
+    def restore(self, state: State) -> None:
+        """Go back, or on, to a state of the same fit."""
 
-    def rehearse(self, done: float) -> None:
-        """A step whose gradients are not applied."""
-        stage = self.stage(done)
-        self.objective.total(self.objective.terms(stage), stage).backward()  # type: ignore[no-untyped-call]
+        def part(name: str) -> dict[str, Tensor]:
+            lead = f"{name}."
+            return {k.removeprefix(lead): v for k, v in state.tensors.items() if k.startswith(lead)}
+
+        facts = state.facts
+        self.field.load_state_dict(part("field"))
+        self.optimizer.restore(part("optimizer"))
+        self.generator.set_state(state.tensors["generator"])
+        self.iteration, self.planned = facts["iteration"], facts["planned"]
+        self.settled, self.slowdown = facts["settled"], facts["slowdown"]
+        self.log.retries, self.seconds_before = facts["retries"], facts["seconds"]
+        self.best = None if facts["best"] is None else (*facts["best"], part("best"))
+        self.log.history = [StepReport(**entry) for entry in state.history]
+
+    def _plan(self, costs: Costs, elapsed: float, available: float) -> None:
+        """Settle the number of iterations, before anything depends on it."""
+        if self.settled:
+            return
+        schedule = self.schedule
+        done = self.seconds_before + elapsed
+        if schedule.alone:
+            self.planned = schedule.planned(
+                self.iteration, costs, done, self.seconds_before + available
+            )
+        if self.iteration < schedule.first_phase(self.planned):
+            return
+        if self.iteration != schedule.first_phase(self.planned):
+            # The pace has fallen: what there is becomes the first phase of a shorter fit.
+            self.planned = round(self.iteration / schedule.alone)
+        self.settled = True
+        if self.planned < min(FEWEST, self.options.max_iterations):
+            raise self._out_of_time()
+
+    def _ended(self, control: Control, now: float) -> str | None:
+        if control.cancel is not None and control.cancel():
+            raise Cancelled("the fit was cancelled", where=f"iteration {self.iteration}")
+        if control.stop is not None and control.stop():
+            if self.iteration < min(FEWEST, self.options.max_iterations):
+                raise Cancelled(
+                    "the fit was stopped before there was a surface",
+                    where=f"iteration {self.iteration}",
+                )
+            return "cancel"
+        if self.settled and self.iteration >= self.planned:
+            return "iterations"
+        if now >= control.deadline:
+            if self.iteration < min(FEWEST, self.options.max_iterations):
+                raise self._out_of_time()
+            return "clock"
+        patience = self.options.patience * self.planned
+        if self.best is not None and patience and self.iteration - self.best[1] > patience:
+            return "plateau"
+        return None
+
+    def _out_of_time(self) -> OutOfTime:
+        return OutOfTime(
+            "the time budget leaves too few iterations for a surface",
+            where=f"{self.iteration} of at least {FEWEST}",
+            advice="Raise time_budget, or run fewer things at the same time.",
+        )
+
+    def _rehearsed(self, clock: Clock) -> Costs:
+        """Seconds of both kinds of steps, without a trace."""
+        if self.settled or not self.schedule.alone:
+            return Costs(1.0, 1.0)
+        before = self.generator.get_state()
+        alone = Stage(False, False, False, 1.0)
+        costs = []
+        for stage in (alone, Stage(True, True, self.log.normal_term, 0.0)):
+            seconds = []
+            for _ in range(REHEARSALS):
+                begin = clock()
+                self.objective.total(self.objective.terms(stage), stage).backward()  # type: ignore[no-untyped-call]
+                self.optimizer.rehearse()
+                seconds.append(clock() - begin)
+            costs.append(max(min(seconds), 1e-9))
         self.optimizer.zero_grad()
+        self.generator.set_state(before)
+        return Costs(*costs)
 
-    def _entry(
-        self, iteration: int, planned: int, seconds: float, terms: dict[str, Tensor], stage: Stage
-    ) -> StepReport:
+    def _entry(self, seconds: float, terms: dict[str, Tensor], stage: Stage) -> StepReport:
         with torch.no_grad():
             loss = float(self.objective.total(terms, stage))
         values = {name: float(term.detach()) for name, term in terms.items()}
-        return StepReport(iteration, planned, seconds, loss, values)
+        seconds += self.seconds_before
+        return StepReport(self.iteration, self.planned, seconds, loss, values)
+
+    def _diverged(self, entry: StepReport) -> bool:
+        """Not finite, or far above what the same terms came to lately."""
+        if not math.isfinite(entry.loss):
+            return True
+        alike = [e.loss for e in self.log.history[-10:] if e.losses.keys() == entry.losses.keys()]
+        return len(alike) >= 5 and entry.loss > JUMP * median(alike)
+
+    def _go_back(self, good: State) -> None:
+        """From the last good state, at half the rates."""
+        retries, slowdown = self.log.retries + 1, self.slowdown / 2
+        if retries > RETRIES:
+            raise Diverged(
+                "the fit diverged",
+                where=f"iteration {self.iteration}",
+                advice="Lower learning_rate and muon_learning_rate, or use another seed.",
+            )
+        note = f"diverged at iteration {self.iteration}, went back to {good.facts['iteration']}"
+        self.log.notes.append(f"{note} at half the rates")
+        planned, settled = self.planned, self.settled
+        self.restore(good)
+        self.log.retries, self.slowdown = retries, slowdown
+        self.planned, self.settled = planned, settled
+
+    def _tell(self, entry: StepReport, control: Control) -> None:
+        self.log.history.append(entry)
+        if control.report is not None:
+            control.report(entry)
+        if control.snapshot is not None:
+            control.snapshot(self.field)
+
+    def _judge(self) -> None:
+        """Keep the state if it is the best since the paper's terms stand alone."""
+        if not self.options.patience or self.iteration < self.options.warm_fraction * self.planned:
+            return
+        value = self.objective.examined(self.examination)
+        if self.best is None or value < self.best[0]:
+            copied = {k: v.clone() for k, v in self.field.state_dict().items()}
+            self.best = value, self.iteration, copied
+
+    def _resume(self, path: Path | None) -> None:
+        if path is None:
+            return
+        try:
+            state = read_state(path, self.name)
+        except CheckpointError as error:
+            self.log.notes.append(f"{error} The fit began anew.")
+            return
+        if state is not None:
+            self.restore(state)
+            self.log.resumed_from = self.iteration
+
+    def _keep(self, control: Control, begin: float) -> None:
+        assert control.checkpoint is not None
+        state = self.state()
+        seconds = self.seconds_before + control.clock() - begin
+        state = replace(state, facts={**state.facts, "seconds": seconds})
+        write_state(control.checkpoint, state, self.name)
+
+    def _finish(self, ended: str, seconds: float) -> None:
+        log = self.log
+        log.planned, log.iterations = self.planned, self.iteration
+        log.seconds, log.stopped_by = self.seconds_before + seconds, ended
+        log.kept = self.iteration
+        if self.best is not None:
+            self.field.load_state_dict(self.best[2])
+            log.kept = self.best[1]

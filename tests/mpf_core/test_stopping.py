@@ -30,7 +30,7 @@ class Caller:
         self.asked = 0
 
     def progress(self, progress: Progress) -> None:
-        self.wants = self.wants or (progress.iteration or 0) >= 40
+        self.wants = self.wants or (progress.iteration or 0) >= 60
 
     def check(self) -> bool:
         self.asked += 1
@@ -59,10 +59,10 @@ def test_a_stopped_fit_gives_the_surface_it_has(cloud: Path, tmp_path: Path) -> 
         cloud, tmp_path / "out", OPTIONS, progress=caller.progress, stop=caller.check
     )
     assert report["fit"]["stopped_by"] == "cancel"
-    assert report["fit"]["iterations"] == 40
-    assert report["fit"]["planned_iterations"] > 40
+    assert report["fit"]["iterations"] == 60
+    assert report["fit"]["planned_iterations"] > 60
     assert (tmp_path / "out" / "mesh.glb").stat().st_size > 0
-    assert caller.asked == 41
+    assert caller.asked == 61
 
 
 def test_a_cancelled_fit_leaves_nothing(cloud: Path, tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_a_cancelled_fit_leaves_nothing(cloud: Path, tmp_path: Path) -> None:
             stop=other.check,
             cancel=caller.check,
         )
-    assert caught.value.where == "iteration 40"
+    assert caught.value.where == "iteration 60"
     assert not (tmp_path / "out").exists()
 
 

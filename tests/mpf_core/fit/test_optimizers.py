@@ -9,7 +9,8 @@ import torch
 from torch import Tensor, nn
 
 from mpf_core.field import MetricPhaseField
-from mpf_core.fit.optimizers import LAST_RATE, WARM_UP, Muon, Optimizer, schedule
+from mpf_core.fit.optimizers import Muon, Optimizer
+from mpf_core.fit.schedule import LAST_RATE, RAMP, Schedule
 from mpf_core.options import options_from
 
 
@@ -64,19 +65,29 @@ def test_a_gradient_of_zero_moves_nothing() -> None:
     assert torch.equal(matrix.detach(), torch.ones(8, 8))
 
 
-def test_the_cosine_warms_up_falls_and_never_reaches_zero() -> None:
-    assert schedule("cosine", 0.0, 0) == pytest.approx(0.05)
-    assert schedule("cosine", 0.0, WARM_UP) == 1
-    assert schedule("cosine", 0.5, 1000) == pytest.approx(0.5)
-    assert schedule("cosine", 1.0, 1000) == LAST_RATE
-    later = [schedule("cosine", done / 100, 1000) for done in range(101)]
-    assert all(a >= b for a, b in pairwise(later))
-    early = [schedule("cosine", 0.0, iteration) for iteration in range(WARM_UP)]
-    assert all(a < b for a, b in pairwise(early))
+def rates(planned: int, **changes: object) -> list[float]:
+    schedule = Schedule(options_from(changes).fit, normals=True)
+    return [schedule.rate(iteration, planned) for iteration in range(planned)]
+
+
+def test_the_rates_rise_are_held_and_fall_and_never_reach_zero() -> None:
+    found = rates(1000)
+    rise, hold, fall = found[:RAMP], found[RAMP:480], found[480:]
+    assert rise == pytest.approx([(k + 1) / RAMP for k in range(RAMP)])
+    assert set(hold) == {1.0}
+    assert all(a >= b for a, b in pairwise(fall))
+    assert fall[260] == pytest.approx(0.5)
+    assert found[-1] == LAST_RATE
+
+
+def test_without_a_regression_the_rates_fall_from_the_start() -> None:
+    found = rates(1000, warm_start=False)
+    assert found[500] == pytest.approx(0.5)
+    assert all(a >= b for a, b in pairwise(found[RAMP:]))
 
 
 def test_the_constant_schedule_is_constant() -> None:
-    assert {schedule("constant", done / 9, 7 * done) for done in range(10)} == {1.0}
+    assert set(rates(50, schedule="constant")) == {1.0}
 
 
 @pytest.mark.parametrize("kind", ["adam", "muon"])
@@ -84,7 +95,7 @@ def test_every_parameter_is_moved_once(kind: str) -> None:
     field, optimizer = made(optimizer=kind)
     before = [p.detach().clone() for p in field.parameters()]
     fill_gradients(field)
-    optimizer.step(0.5, 1000)
+    optimizer.step(0.5)
     for old, new in zip(before, field.parameters(), strict=True):
         assert not torch.equal(old, new)
     held = {id(p) for group in optimizer.adam.param_groups for p in group["params"]}
@@ -101,25 +112,42 @@ def test_beta_has_a_rate_of_its_own_that_does_not_decay() -> None:
         field.beta.grad = torch.tensor(1.0)
         fill_gradients(field)
         field.beta.grad = torch.tensor(1.0)
-        optimizer.step(done, 1000)
+        optimizer.step(1 - done)
         assert before - field.beta.item() == pytest.approx(1e-4, rel=0.1)
 
 
-def test_slowdown_halves_the_steps() -> None:
+def test_half_the_rate_halves_the_steps() -> None:
     moved = []
-    for slowdown in (1.0, 0.5):
+    for rate in (1.0, 0.5):
         field = MetricPhaseField(width=16, generator=torch.Generator().manual_seed(0))
-        optimizer = Optimizer(field, options_from({}).fit, slowdown)
+        optimizer = Optimizer(field, options_from({}).fit)
         before = field.siren.shared_weight.detach().clone()
         fill_gradients(field)
-        optimizer.step(0.0, 1000)
+        optimizer.step(rate)
         moved.append((field.siren.shared_weight.detach() - before).norm().item())
     assert moved[1] == pytest.approx(moved[0] / 2, rel=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["adam", "muon"])
+def test_a_state_that_is_restored_leads_to_the_same_step(kind: str) -> None:
+    field, optimizer = made(optimizer=kind)
+    for _ in range(3):
+        fill_gradients(field)
+        optimizer.step(1.0)
+    twin, other = made(optimizer=kind)
+    twin.load_state_dict(field.state_dict())
+    other.restore(optimizer.state())
+    for one, way in ((field, optimizer), (twin, other)):
+        fill_gradients(one)
+        way.step(1.0)
+    assert all(
+        torch.equal(p, q) for p, q in zip(field.parameters(), twin.parameters(), strict=True)
+    )
 
 
 def test_the_whole_gradient_is_clipped() -> None:
     field, optimizer = made(optimizer="adam", gradient_clip=1e-3)
     fill_gradients(field, 1e3)
-    optimizer.step(0.0, 1000)
+    optimizer.step(1.0)
     whole = torch.cat([p.grad.flatten() for p in field.parameters() if p.grad is not None])
     assert whole.norm().item() == pytest.approx(1e-3, rel=1e-3)

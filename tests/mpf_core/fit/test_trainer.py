@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,14 @@ import pytest
 import torch
 
 from mpf_core.cloud.neighbors import analyse
-from mpf_core.errors import Cancelled, Diverged
+from mpf_core.errors import Cancelled, CheckpointError, Diverged, OutOfTime
 from mpf_core.field import MetricPhaseField
 from mpf_core.fit import trainer as trainer_module
+from mpf_core.fit.checkpoint import read_state
 from mpf_core.fit.initialize import initialize
 from mpf_core.fit.sampler import Pools, warm_pools
-from mpf_core.fit.trainer import REHEARSALS, FitLog, StepReport, Trainer, fit_field, wants_normals
+from mpf_core.fit.schedule import Costs, Schedule
+from mpf_core.fit.trainer import Control, FitLog, StepReport, Trainer, fit_field, wants_normals
 from mpf_core.options import FitOptions, options_from
 from tests.mpf_core.clouds import sphere
 
@@ -58,8 +61,9 @@ class Clock:
 def fit(
     options: FitOptions, seed: int = 0, deadline: float = NEVER, **others: Any
 ) -> tuple[MetricPhaseField, FitLog]:
-    settings: dict[str, Any] = {"reliability": 1.0, "clock": Clock()} | others
-    return fit_field(pools(), options, seed=seed, deadline=deadline, **settings)
+    reliability = others.pop("reliability", 1.0)
+    control = Control(others.pop("clock", Clock()), deadline, **others)
+    return fit_field(pools(), options, control, seed=seed, reliability=reliability)
 
 
 def same(a: MetricPhaseField, b: MetricPhaseField) -> bool:
@@ -94,35 +98,69 @@ def test_a_fit_lowers_its_loss_and_reports_every_twenty_steps() -> None:
     assert told[-1].loss < told[0].loss
 
 
-def test_the_plan_fits_the_deadline() -> None:
-    # One second a look, so a rehearsed step seems to take 1/REHEARSALS seconds.
-    options = tiny(max_iterations=10_000)
-    made = Trainer(pools(), options, 0, FitLog())
-    planned = made.plan(Clock(1.0), deadline=10.0)
-    assert planned == int(0.97 * (10.0 - 3.0) * REHEARSALS)
-    assert Trainer(pools(), options, 0, FitLog()).plan(Clock(1.0), deadline=0.0) == 1
+COSTS = Costs(regression=1.0, terms=2.0)
 
 
-def test_the_deadline_stops_a_fit_that_is_slower_than_rehearsed() -> None:
-    clock = Clock()
-
-    class Slow(list[StepReport]):
-        def append(self, entry: StepReport) -> None:
-            clock.now += 100
-            super().append(entry)
-
-    told = Slow()
-    _, log = fit(tiny(max_iterations=200), deadline=150, clock=clock, report=told.append)
-    assert log.stopped_by == "clock"
-    assert log.iterations == 40
-    assert log.planned == 200
+def test_the_plan_fits_the_time_at_the_pace_that_is_measured() -> None:
+    schedule = Schedule(tiny(max_iterations=10_000), normals=True)
+    # 0.48 of the regression alone, 0.12 of both, 0.4 of the terms: 0.48 + 0.12 · 3 + 0.4 · 2.
+    assert schedule.planned(0, COSTS, 0.0, 1000.0) == int(0.98 * 1000 / 1.64)
+    # Twice as slow as rehearsed: half as many.
+    assert schedule.planned(100, COSTS, 200.0, 1000.0) == int(0.98 * 1000 / 3.28)
+    assert schedule.planned(100, COSTS, 200.0, 1e9) == 10_000
+    assert schedule.planned(0, COSTS, 0.0, 0.0) == 1
 
 
-def test_the_rehearsal_leaves_the_weights_alone() -> None:
+def test_nothing_depends_on_the_plan_while_it_may_change() -> None:
+    schedule = Schedule(tiny(), normals=True)
+    few, many = 400, 4000
+    for iteration in range(schedule.first_phase(few)):
+        assert schedule.rate(iteration, few) == schedule.rate(iteration, many)
+        assert schedule.stage(iteration, few) == schedule.stage(iteration, many)
+
+
+class Ticking(Clock):
+    """A clock that the reports move on: 20 s each, 30 s where the paper's terms take part."""
+
+    def tell(self, entry: StepReport) -> None:
+        self.now += 30.0 if "zero" in entry.losses else 20.0
+
+
+def test_a_run_that_the_clock_cut_is_repeated_by_its_number() -> None:
+    clock = Ticking()
+    cut, log = fit(tiny(max_iterations=4000), deadline=400.0, clock=clock, report=clock.tell)
+    assert 100 <= log.planned <= 400
+    again, repeated = fit(tiny(max_iterations=log.planned), stop=after(log.iterations))
+    assert (repeated.planned, repeated.iterations) == (log.planned, log.iterations)
+    assert same(cut, again)
+
+
+def test_the_deadline_stops_a_fit_that_is_slower_than_planned() -> None:
+    clock = Ticking()
+
+    def later(entry: StepReport) -> None:
+        clock.now += 0.0 if entry.iteration <= 100 else 100.0
+
+    _, log = fit(tiny(max_iterations=200), deadline=150, clock=clock, report=later)
+    assert (log.stopped_by, log.iterations, log.planned) == ("clock", 140, 200)
+
+
+def test_too_little_time_for_a_surface_is_an_error() -> None:
+    clock = Ticking()
+    with pytest.raises(OutOfTime) as told:
+        fit(tiny(max_iterations=400), deadline=30.0, clock=clock, report=clock.tell)
+    assert told.value.code == "fit.out_of_time"
+    with pytest.raises(OutOfTime):
+        fit(tiny(max_iterations=400, warm_start=False), deadline=-1.0)
+
+
+def test_the_rehearsal_leaves_no_trace() -> None:
     made = Trainer(pools(), tiny(), 0, FitLog())
-    before = [p.detach().clone() for p in made.field.parameters()]
-    made.plan(Clock(), NEVER)
-    assert all(torch.equal(p, q) for p, q in zip(before, made.field.parameters(), strict=True))
+    before = made.state()
+    made._rehearsed(Clock())
+    after = made.state()
+    assert before.tensors.keys() == after.tensors.keys()
+    assert all(torch.equal(before.tensors[name], after.tensors[name]) for name in before.tensors)
     assert all(p.grad is None for p in made.field.parameters())
 
 
@@ -133,9 +171,14 @@ def after(looks: int) -> Callable[[], bool]:
 
 
 def test_stop_ends_the_fit_with_what_there_is() -> None:
-    field, log = fit(tiny(), stop=after(7))
-    assert (log.iterations, log.stopped_by) == (7, "cancel")
+    field, log = fit(tiny(max_iterations=200), stop=after(70))
+    assert (log.iterations, log.stopped_by) == (70, "cancel")
     assert isinstance(field, MetricPhaseField)
+
+
+def test_stop_before_there_is_a_surface_ends_with_nothing() -> None:
+    with pytest.raises(Cancelled):
+        fit(tiny(max_iterations=200), stop=after(7))
 
 
 def test_cancel_ends_the_fit_with_nothing() -> None:
@@ -144,51 +187,121 @@ def test_cancel_ends_the_fit_with_nothing() -> None:
     assert told.value.where == "iteration 7"
 
 
-def test_divergence_is_noticed_retried_and_told() -> None:
-    options = tiny(optimizer="adam", learning_rate=1.0, schedule="constant", beta_learning_rate=1.0)
-    slowdowns = []
+class Broken(Trainer):
+    """Loses a weight at iteration 120, so many times."""
 
-    class Watched(Trainer):
-        def __init__(self, *args: Any, slowdown: float = 1.0):
-            super().__init__(*args, slowdown=slowdown)
-            slowdowns.append(slowdown)
-            # Rates bounded by the options do not overflow so small a network; a weight does.
+    times = 1
+
+    def step(self) -> Any:
+        if self.iteration == 120 and self.log.retries < self.times:
             with torch.no_grad():
-                self.field.siren.phase_output.fill_(float("inf"))
+                self.field.siren.phase_output.fill_(float("nan"))
+        return super().step()
+
+
+def test_a_fit_that_diverges_goes_back_and_goes_on_at_lower_rates() -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trainer_module, "Trainer", Broken)
+        _, log = fit(tiny(max_iterations=200))
+    assert (log.retries, log.iterations, log.stopped_by) == (1, 200, "iterations")
+    assert log.notes == ["diverged at iteration 140, went back to 100 at half the rates"]
+    assert [entry.iteration for entry in log.history] == list(range(20, 201, 20))
+    assert all(np.isfinite(entry.loss) for entry in log.history)
+
+
+def test_a_fit_that_goes_on_diverging_is_an_error() -> None:
+    class Hopeless(Broken):
+        times = 10
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(trainer_module, "Trainer", Watched)
+        patch.setattr(trainer_module, "Trainer", Hopeless)
         with pytest.raises(Diverged) as told:
-            fit(options)
-    assert slowdowns == [1, 0.5, 0.25, 0.125]
-    assert told.value.advice
+            fit(tiny(max_iterations=200))
+    assert told.value.advice is not None
     assert "learning_rate" in told.value.advice
 
 
-def test_a_retry_at_half_rate_that_holds_is_counted() -> None:
-    class FirstFails(Trainer):
-        def __init__(self, *args: Any, slowdown: float = 1.0):
-            super().__init__(*args, slowdown=slowdown)
-            if slowdown == 1:
+def test_a_jump_of_the_loss_counts_as_divergence() -> None:
+    made = Trainer(pools(), tiny(), 0, FitLog())
+    made.log.history = [StepReport(k, 200, 0.0, 1.0, {"zero": 1.0}) for k in range(20, 120, 20)]
+    assert made._diverged(StepReport(120, 200, 0.0, 21.0, {"zero": 1.0}))
+    assert not made._diverged(StepReport(120, 200, 0.0, 19.0, {"zero": 1.0}))
+    assert not made._diverged(StepReport(120, 200, 0.0, 21.0, {"zero": 1.0, "far": 1.0}))
+
+
+def test_the_best_state_is_delivered_and_a_plateau_ends_the_fit() -> None:
+    class Worsening(Trainer):
+        def step(self) -> Any:
+            done = super().step()
+            if self.iteration > 300:
                 with torch.no_grad():
-                    self.field.siren.phase_output.fill_(float("nan"))
+                    self.field.siren.phase_offset.add_(0.01)
+            return done
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(trainer_module, "Trainer", FirstFails)
-        _, log = fit(tiny())
-    assert log.retries == 1
-    assert log.stopped_by == "iterations"
-    assert all(np.isfinite(entry.loss) for entry in log.history)
+        patch.setattr(trainer_module, "Trainer", Worsening)
+        field, log = fit(tiny(max_iterations=500, patience=0.3))
+        last, other = fit(tiny(max_iterations=500, patience=0.0))
+    assert (log.kept, log.stopped_by) == (300, "plateau")
+    assert log.iterations == 300 + 0.3 * 500 + 1
+    assert (other.kept, other.stopped_by) == (500, "iterations")
+    assert not same(field, last)
+
+
+class Interrupted(Exception):
+    pass
+
+
+def interrupted(options: FitOptions, path: Path, at: int) -> None:
+    """A fit that dies at an iteration, long after its last checkpoint was due."""
+    clock = Clock(step=1.0)
+
+    def die(entry: StepReport) -> None:
+        if entry.iteration >= at:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        fit(options, clock=clock, report=die, checkpoint=path)
+
+
+@pytest.mark.parametrize("at", [60, 160])
+def test_a_fit_goes_on_from_its_checkpoint_to_the_same_result(tmp_path: Path, at: int) -> None:
+    options, path = tiny(max_iterations=200), tmp_path / "state"
+    whole, log = fit(options)
+    interrupted(options, path, at)
+    resumed, after = fit(options, checkpoint=path)
+    assert after.resumed_from is not None
+    assert 0 < after.resumed_from <= at
+    assert same(whole, resumed)
+    assert [e.losses for e in after.history] == [e.losses for e in log.history]
+
+
+@pytest.mark.parametrize("damage", ["cut", "other", "not one", "emptied"])
+def test_a_checkpoint_that_cannot_be_used_is_told_and_left_out(tmp_path: Path, damage: str) -> None:
+    options, path = tiny(max_iterations=120), tmp_path / "state"
+    interrupted(options, path, 60)
+    content = path.read_bytes()
+    broken = {"cut": content[:-100], "not one": b"mesh" * 100, "emptied": b""}
+    if damage == "other":
+        interrupted(tiny(max_iterations=120, omega=20.0), path, 60)
+    else:
+        path.write_bytes(broken[damage])
+    with pytest.raises(CheckpointError):
+        read_state(path, "of this fit")
+    field, log = fit(options, checkpoint=path)
+    assert log.resumed_from is None
+    assert "began anew" in log.notes[0]
+    assert same(field, fit(options)[0])
 
 
 def test_the_regression_has_no_weight_over_the_last_forty_percent() -> None:
     made = Trainer(pools(), tiny(), 0, FitLog())
-    weights = [made.stage(done / 1000).regression for done in range(1000)]
+    weights = [made.schedule.stage(done, 1000).regression for done in range(1000)]
     assert weights[0] == 1
     assert all(a >= b for a, b in pairwise(weights))
     assert {w for done, w in enumerate(weights) if done >= 600} == {0.0}
-    assert "regression" not in made.objective.terms(made.stage(0.6))
-    assert "regression" in made.objective.terms(made.stage(0.0))
+    assert "regression" not in made.objective.terms(made.schedule.stage(600, 1000))
+    assert "regression" in made.objective.terms(made.schedule.stage(0, 1000))
 
 
 def test_options_cannot_ask_for_a_longer_regression() -> None:
@@ -197,18 +310,19 @@ def test_options_cannot_ask_for_a_longer_regression() -> None:
 
 def test_without_a_warm_start_the_papers_terms_run_from_the_first_step() -> None:
     made = Trainer(pools(), tiny(warm_start=False), 0, FitLog())
-    first = made.stage(0.0)
+    first = made.schedule.stage(0, 1000)
     assert (first.terms, first.regression) == (True, 0.0)
     assert "regression" not in made.objective.terms(first)
 
 
 def test_align_is_switched_on_late() -> None:
     made = Trainer(pools(), tiny(align_from=0.7), 0, FitLog())
-    assert [made.stage(done).align for done in (0.0, 0.5, 0.69, 0.7, 0.99)] == [
+    at = (0, 500, 690, 700, 990)
+    assert [made.schedule.stage(iteration, 1000).align for iteration in at] == [
         False, False, False, True, True,
     ]  # fmt: skip
-    assert "align" not in made.objective.terms(made.stage(0.65))
-    assert "align" in made.objective.terms(made.stage(0.7))
+    assert "align" not in made.objective.terms(made.schedule.stage(650, 1000))
+    assert "align" in made.objective.terms(made.schedule.stage(700, 1000))
 
 
 @pytest.mark.parametrize(
