@@ -15,7 +15,7 @@ True
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -95,9 +95,8 @@ def _reconstructed(
     cloud = prepared.cloud
     similarity = Similarity.of(cloud.points)
     samples = similarity.to_normalised(cloud.points)
-    cleaned = denoise(samples, seed=options.seed, threads=threads)
-    if options.fit.denoise == "off":
-        cleaned = replace(cleaned, points=samples, thinned=samples)
+    remove = options.fit.denoise != "off"
+    cleaned = denoise(samples, remove=remove, seed=options.seed, threads=threads)
     neighbours = analyse(cleaned.thinned, threads=threads)
     input_tree = cKDTree(samples)
     spacing = median_spacing(input_tree, threads)

@@ -3,7 +3,8 @@
 Where the samples scatter across the surface by as much as their spacing, neighbourhoods of fixed
 size see a ball, not a plane. The neighbourhood is enlarged until it looks flat; samples are then
 projected onto its weighted plane (one step of moving least squares, Levin 2003), and thinned to
-the spacing that their noise allows.
+the spacing that their noise allows. The two sides of a thin wall scatter as widely, but in two
+peaks: of them the spread within a side counts.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mpf_core.cloud.layers import PATCH, split
 from mpf_core.cloud.neighbors import CHUNK, nearest, principal_axes
+from mpf_core.cloud.thinning import ANALYSED, one_of_each_voxel
 
 SIZES = (16, 30, 50, 100, 160)  # neighbours tried
 FLAT = 0.4  # median spread across over spread along the surface that counts as flat
@@ -29,7 +32,7 @@ class Denoised:
     """The samples as later rooms use them, in the frame given.
 
     points: (n, 3) projected samples; the input itself when no noise was found
-    thinned: (m, 3) a subset-sized cloud at the spacing that the noise allows
+    thinned: (m, 3) at most ANALYSED of them, at the spacing that the noise allows
     neighbours: size of the neighbourhoods; sigma: spread of the input about the surface
     """
 
@@ -39,14 +42,18 @@ class Denoised:
     sigma: float
 
 
-def denoise(points: Array, *, seed: int = 0, threads: int = -1) -> Denoised:
-    """Measure the noise of `points` (n, 3) and take it off; clean clouds pass unchanged."""
-    tree = cKDTree(points)
-    probe = np.random.default_rng(seed).permutation(len(points))[:PROBES]
-    size, sigma = _flat_neighbourhood(points, tree, probe, threads)
-    if size == SIZES[0]:
-        return Denoised(points, points, size, sigma)
-    moved = points
+def denoise(points: Array, *, remove: bool = True, seed: int = 0, threads: int = -1) -> Denoised:
+    """Measure the noise of `points` (n, 3) and, if asked, take it off; clean clouds pass unchanged.
+
+    Of a cloud larger than ANALYSED a part is looked at, and is all that is left if it is noisy.
+    """
+    few = points if len(points) <= ANALYSED else points[one_of_each_voxel(points, ANALYSED)[0]]
+    tree = cKDTree(few)
+    probe = np.random.default_rng(seed).permutation(len(few))[:PROBES]
+    size, sigma = _flat_neighbourhood(few, tree, probe, threads)
+    if size == SIZES[0] or not remove:
+        return Denoised(points, few, size, sigma)
+    moved = few
     for _ in range(ROUNDS):
         moved = _projected(moved, size, threads)
     thinned = _thin(moved, size / SIZES[0], threads)
@@ -58,10 +65,12 @@ def _flat_neighbourhood(
 ) -> tuple[int, float]:
     sizes = [size for size in SIZES if size <= len(points) // 8] or [SIZES[0]]
     best = (np.inf, sizes[0], 0.0)
+    layers = split(points[nearest(tree, points[probe], min(PATCH, len(points)), threads)[1]])
     for size in sizes:
         distance, index = nearest(tree, points[probe], size, threads)
         values, _ = principal_axes(points[index], distance)
         across = np.sqrt(np.maximum(values[:, 0], 0))
+        across = np.where(layers.layered, np.minimum(layers.spread, across), across)
         flatness = float(np.median(across / np.sqrt(np.maximum(values[:, 1], 1e-300))))
         # Growth must pay: curvature also stops neighbourhoods from getting flat.
         if flatness < 0.9 * best[0]:

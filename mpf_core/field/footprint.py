@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mpf_core.cloud.thinning import one_of_each_voxel
+
 MOST = 65_536  # samples kept: 590 kB with colours, which leaves the weights room within 2 MiB
 STEP = 2 / 65_535  # of the lattice that positions are rounded to: a hundredth of a fine spacing
 
@@ -51,7 +53,7 @@ class Footprint:
         most: int = MOST,
     ) -> Footprint:
         """Of samples (n, 3) in [-1, 1]³: all of them, or the first in each voxel if too many."""
-        kept, pitch = _thinned(samples, most)
+        kept, pitch = one_of_each_voxel(samples, most)
         rounded = np.rint((samples[kept] + 1) / STEP)
         lattice = np.clip(rounded, 0, 65_535).astype(np.uint16)
         cover = np.sqrt(3) * (pitch + STEP / 2)
@@ -67,18 +69,3 @@ class Footprint:
     def tree(self) -> cKDTree:
         """KD-tree of `points`."""
         return cKDTree(self.points)
-
-
-def _thinned(samples: Array, most: int) -> tuple[NDArray[np.int64], float]:
-    """Indices of at most `most` samples, and the side of the voxels that share one (0: none do)."""
-    if len(samples) <= most:
-        return np.arange(len(samples)), 0.0
-    pitch = 2 / np.sqrt(most)
-    while True:
-        cells = np.floor((samples + 1) / pitch).astype(np.int64)
-        keys = (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
-        first = np.unique(keys, return_index=True)[1]
-        if len(first) <= most:
-            return np.sort(first), float(pitch)
-        # Voxels that a surface crosses go with the square of the pitch; 5 % ends the search soon.
-        pitch *= 1.05 * np.sqrt(len(first) / most)

@@ -25,11 +25,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """Voxel labels: OUTSIDE, INSIDE, or SURFACE where discs are. `enclosures` counts components."""
+    """Voxel labels: OUTSIDE, INSIDE, or SURFACE where discs are. `enclosures` counts the enclosed
+    components; `regions` numbers all: 0 on discs, 1 outside, from 2 on enclosed."""
 
     labels: NDArray[np.int8]
     near_inside: NDArray[np.bool_]
     enclosures: int
+    regions: NDArray[np.int32]
 
     @property
     def voxel(self) -> float:
@@ -39,6 +41,10 @@ class FreeSpace:
     def label_at(self, x: Array) -> NDArray[np.int8]:
         """Label of the voxel that holds each point of x (n, 3)."""
         return self.labels[self._index(x)]
+
+    def region_at(self, x: Array) -> NDArray[np.int32]:
+        """Number of the region that holds each point of x (n, 3)."""
+        return self.regions[self._index(x)]
 
     def is_near_inside(self, x: Array) -> NDArray[np.bool_]:
         """Whether each point lies in an unlabelled voxel beside enclosed space."""
@@ -62,10 +68,14 @@ def flood(neighbours: Neighborhoods, *, resolution: int = 160) -> FreeSpace:
     enclosed = sizes > SMALLEST_ENCLOSURE
     outer = component[0, 0, 0]
     enclosed[[0, outer]] = False
-    labels = np.full(occupied.shape, SURFACE, dtype=np.int8)
-    labels[component == outer] = OUTSIDE
-    labels[enclosed[component]] = INSIDE
-    return FreeSpace(labels, beside_inside(labels), int(enclosed.sum()))
+    number = np.zeros(len(sizes), dtype=np.int32)
+    number[enclosed] = np.arange(2, 2 + enclosed.sum())
+    number[outer] = 1
+    regions = number[component]
+    label = np.full(2 + int(enclosed.sum()), INSIDE, dtype=np.int8)
+    label[:2] = SURFACE, OUTSIDE
+    labels = label[regions]
+    return FreeSpace(labels, beside_inside(labels), int(enclosed.sum()), regions)
 
 
 def beside_inside(labels: NDArray[np.int8]) -> NDArray[np.bool_]:

@@ -1,9 +1,9 @@
 """The warm start: where r and θ begin, from the samples' neighbourhoods and the free space.
 
-Solids: θ is the signed distance. Sheets: θ is the signed distance to a thin closed shell, whose
-outer wall goes through the samples and whose second wall lies 2ε behind, always on the same side
-of the consistently oriented normals; a shell centred on the samples, or one whose side is left to
-the fit, grows pockets.
+Solids, thin walls among them: θ is the signed distance. Sheets: θ is the signed distance to a thin
+closed shell, whose outer wall goes through the samples and whose second wall lies 2ε behind, always
+on the same side of the consistently oriented normals; a shell centred on the samples, or one whose
+side is left to the fit, grows pockets. A sheet inside a solid: the same shell, empty.
 """
 
 from __future__ import annotations
@@ -13,14 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mpf_core.cloud.neighbors import Neighborhoods
+from mpf_core.cloud.neighbors import CHUNK, Neighborhoods
 from mpf_core.fit.closure import close_gaps
 from mpf_core.fit.freespace import INSIDE, OUTSIDE, FreeSpace, flood
-from mpf_core.fit.localfit import LocalFit
+from mpf_core.fit.localfit import LocalDistance, LocalFit
 from mpf_core.fit.orientation import orient, outward_seeds
+from mpf_core.fit.sides import Sides, parted, sides
 
-FAR = 3.0  # local spacings beyond which the distance to the nearest sample is the better estimate
-MOSTLY_ENCLOSED = 0.5  # share of samples that bound enclosed space; below it, gaps are looked for
+# Local spacings between which the distance to the nearest sample takes over from the local fit.
+FAR = (2.0, 3.0)
+EXPLAINED = 0.95  # share of samples that bound a solid, below which gaps are looked for
 # Half thickness ε of the shell around a sheet, normalised units. At 0.004 a tenth of a noisy helmet
 # is lost after 1000 steps, at 0.006 a thousandth; the fit ends thinner where the data allow.
 SHELL = 0.006
@@ -41,47 +43,71 @@ class Targets:
 @dataclass(frozen=True)
 class Initialization:
     """The classical start of one cloud. `normals` (n, 3) are oriented outwards where that is
-    defined and consistently elsewhere; `seeded` is the share of samples that bound enclosed
-    space."""
+    defined and consistently elsewhere; `seeded` is the share of samples that bound a solid, thin
+    walls among them; `shell` is ε, and what each sample bounds is in `bounds`."""
 
     local: LocalFit
     space: FreeSpace
     normals: Array
     seeded: float
     shell: float
+    bounds: Sides
+
+    @property
+    def thinnest(self) -> float:
+        """Thickness of the thinnest walls (5th percentile), infinite where there are none."""
+        gap = self.local.neighbours.gap
+        layered = self.local.neighbours.layered
+        return float(np.percentile(gap[layered], 5)) if layered.mean() > 0.01 else np.inf
 
     def normals_at(self, samples: Array) -> Array:
         """(n, 3) oriented unit normals at samples (n, 3) on or close to the surface."""
         if samples is self.local.neighbours.points:
             return self.normals
-        return self.local.at(samples).normal
+        parts = range(0, len(samples), CHUNK)
+        return np.concatenate([self.local.at(samples[i : i + CHUNK]).normal for i in parts])
 
     def at(self, x: Array) -> Targets:
         """Targets at x (n, 3), normalised."""
         near = self.local.at(x)
+        label = self.space.label_at(x)
+        solid, buried = near.mean(self.bounds.solid), near.mean(self.bounds.buried)
         shell = np.sqrt((near.signed + self.shell) ** 2 + near.beyond**2) - self.shell
         r = np.sqrt(near.signed**2 + near.beyond**2)
-        far = near.nearest > FAR * near.spacing
-        r = np.where(far, near.nearest, r)
-        theta = np.where(far, near.nearest - self.shell, shell)
-        label = self.space.label_at(x)
-        theta = np.where(label == INSIDE, -r, theta)
-        # In voxels that discs fill, beside enclosed space, the oriented side decides.
-        beside = self.space.is_near_inside(x)
-        theta = np.where(beside, np.where(near.signed < 0, -r, r), theta)
+        body = self._body(near, label, r)
+        theta = solid * body + (1 - solid - 2 * buried) * shell
+        # Far away the nearest sample stands in for the surface.
+        share = np.clip((near.nearest / near.spacing - FAR[0]) / (FAR[1] - FAR[0]), 0, 1)
+        sign = np.where(label == INSIDE, -1.0, 1.0)
+        distance = sign * (near.nearest - (1 - solid) * self.shell)
+        theta += share * (distance - theta)
+        r += share * (near.nearest - r)
         side = np.where(label == INSIDE, -1, np.where(label == OUTSIDE, 1, 0))
         return Targets(theta.astype(np.float32), r.astype(np.float32), side.astype(np.float32))
 
+    def _body(self, near: LocalDistance, label: NDArray[np.int8], r: Array) -> Array:
+        """Signed distance to a solid: where voxels know the side it is theirs, where discs fill
+        them that of the oriented samples; a thin wall ends at its rim."""
+        known = np.where(label == INSIDE, -r, np.where(label == OUTSIDE, r, near.signed))
+        wall = np.maximum(near.signed, near.edge)
+        wall = np.where((near.signed > 0) & (near.edge > 0), r, wall)
+        layered: Array = np.where(self.local.neighbours.layered[near.first], wall, known)
+        return layered
 
-def initialize(neighbours: Neighborhoods, *, threads: int = -1) -> Initialization:
-    """The classical start from the neighbourhoods of a cloud in [-1, 1]³."""
-    space = flood(neighbours)
-    seeds = outward_seeds(neighbours, space)
-    normals = orient(neighbours, seeds)
-    if (seeds != 0).mean() < MOSTLY_ENCLOSED:
+
+def initialize(
+    neighbours: Neighborhoods, *, shell: float = SHELL, threads: int = -1
+) -> Initialization:
+    """The classical start from the neighbourhoods of a cloud in [-1, 1]³; `shell` is ε."""
+    space = parted(neighbours, flood(neighbours))
+    normals = orient(neighbours, outward_seeds(neighbours, space))
+    bounds = sides(neighbours, normals, space)
+    if (bounds.solid > 0.5).mean() < EXPLAINED:
         closed = close_gaps(neighbours, normals, space)
         if closed is not space:
-            space, seeds = closed, outward_seeds(neighbours, closed)
-            normals = orient(neighbours, seeds)
-    local = LocalFit(neighbours, normals, threads)
-    return Initialization(local, space, normals, float((seeds != 0).mean()), SHELL)
+            space = closed
+            normals = orient(neighbours, outward_seeds(neighbours, closed))
+            bounds = sides(neighbours, normals, space)
+    solid = bounds.solid > 0.5
+    local = LocalFit(neighbours, normals, threads, solid)
+    return Initialization(local, space, normals, float(solid.mean()), shell, bounds)

@@ -18,13 +18,19 @@ Array = NDArray[np.float64]
 
 
 def outward_seeds(neighbours: Neighborhoods, space: FreeSpace) -> Array:
-    """(n,) positive where the PCA normal leaves enclosed space, negative where it enters, or 0."""
-    votes = np.zeros(len(neighbours.points))
+    """(n,) positive where the PCA normal leaves enclosed space, negative where it enters, or 0.
+
+    The normal of a sample on a thin wall leaves the wall, unless enclosed space lies there: then
+    the wall is a crack between two bodies.
+    """
+    votes, outward = np.zeros(len(neighbours.points)), np.zeros(len(neighbours.points))
     for steps in (1.5, 2.5, 4.0):
         for side in (1.0, -1.0):
             probe = neighbours.points + side * steps * space.voxel * neighbours.normals
-            votes -= side * (space.label_at(probe) == INSIDE)
-    return votes
+            inside = space.label_at(probe) == INSIDE
+            votes -= side * inside
+            outward += inside if side > 0 else 0.0
+    return np.where(neighbours.layered, np.where(outward > 1, -1.0, 1.0), votes)
 
 
 def orient(neighbours: Neighborhoods, seeds: Array) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from mpf_core.field.footprint import Footprint
 from mpf_core.fit.initialize import Initialization
 from mpf_core.options import SurfaceOptions
@@ -13,10 +15,13 @@ LOWEST, HIGHEST = 96, 512
 
 
 def shell_of(start: Initialization | None) -> float | None:
-    """Thickness of the shell that the warm start put around open sheets; None without them."""
-    if start is None or start.seeded >= SHEETS_FROM:
+    """Thickness of the thinnest walls: of the shell that the warm start put around open sheets, or
+    of a solid's walls closer together than the samples; None where there are neither."""
+    if start is None:
         return None
-    return 2 * start.shell
+    shell = 2 * start.shell if start.seeded < SHEETS_FROM else np.inf
+    thickness = min(shell, start.thinnest)
+    return thickness if np.isfinite(thickness) else None
 
 
 def choose_resolution(options: SurfaceOptions, footprint: Footprint) -> tuple[int, str]:
@@ -26,7 +31,7 @@ def choose_resolution(options: SurfaceOptions, footprint: Footprint) -> tuple[in
     cell, why = footprint.reach / CELLS_PER_SPACING, "three cells a sample spacing"
     if footprint.thickness is not None and footprint.thickness / CELLS_PER_SHELL < cell:
         cell = footprint.thickness / CELLS_PER_SHELL
-        why = "three cells across the thin shell around open sheets"
+        why = "three cells across the thinnest wall or shell"
     wanted = round(2.0 / cell)
     resolution = min(max(wanted, LOWEST), HIGHEST)
     if resolution < wanted:

@@ -22,9 +22,12 @@ from mpf_core.surface.resolution import (
 AUTO = SurfaceOptions()
 
 
-def sampled(reach: float, *, seeded: float | None = 1.0, shell: float = 0.006) -> Footprint:
+def sampled(
+    reach: float, *, seeded: float | None = 1.0, shell: float = 0.006, wall: float = np.inf
+) -> Footprint:
     """Of a cloud of which the share `seeded` encloses space; None: there was no warm start."""
-    start = None if seeded is None else SimpleNamespace(seeded=seeded, shell=shell)
+    told = SimpleNamespace(seeded=seeded, shell=shell, thinnest=wall)
+    start = None if seeded is None else told
     thickness = shell_of(cast(Initialization | None, start))
     return Footprint.of(np.zeros((1, 3)), spacing=reach, reach=reach, thickness=thickness)
 
@@ -46,6 +49,12 @@ def test_sheets_get_cells_finer_than_their_shell() -> None:
     resolution, why = choose_resolution(AUTO, sampled(0.03, seeded=0.0))
     assert 2 / resolution <= 0.006 * 1.01
     assert "shell" in why
+
+
+def test_thin_walls_of_solids_get_fine_cells_too() -> None:
+    resolution, why = choose_resolution(AUTO, sampled(0.03, wall=0.015))
+    assert 2 / resolution <= 0.005 * 1.01
+    assert "wall" in why
 
 
 def test_the_range_is_kept_and_told() -> None:
