@@ -50,7 +50,7 @@ class LocalDistance:
 
     def mean(self, values: Array) -> Array:
         """(n,) the weighted mean of one value per sample."""
-        return np.einsum("mk,mk->m", self.weight, values[self.index])
+        return np.asarray(np.einsum("mk,mk->m", self.weight, values[self.index]))
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,8 @@ class LocalFit:
         lateral = np.sqrt(np.maximum((offset**2).sum(-1) - height**2, 0)).min(1)
         past = lateral - 0.9 * spacing
         edge = np.where(past > 0, past, -np.inf)
-        rim = self.neighbours.rim[index]  # (m, k, 3)
-        at_rim = rim.any(2)
+        rim: Array = self.neighbours.rim[index]  # (m, k, 3)
+        at_rim: NDArray[np.bool_] = np.any(rim, axis=2)
         rows = np.flatnonzero(at_rim.any(1))
         if not len(rows):
             return edge
