@@ -15,7 +15,7 @@ from mpf_core.field.jet import Order
 from mpf_core.field.metric_phase import MetricPhaseField
 from mpf_core.parallel import shared
 
-CHUNK = 8192  # 256 units × 8192 points × 4 bytes = 8 MiB a layer
+CHUNK = 4096  # 256 units × 4096 points × 4 bytes = 4 MiB a layer
 NAMES = ("phi", "r", "theta", "P")
 
 Values = NDArray[np.float32]

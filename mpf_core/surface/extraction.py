@@ -13,6 +13,7 @@ from mpf_core.errors import ResolutionTooHigh
 from mpf_core.field.fitted import FittedField, gradient_of, theta_of
 from mpf_core.options import SurfaceOptions
 from mpf_core.progress import CancelCheck
+from mpf_core.surface.bounds import BOUND
 from mpf_core.surface.finish import FLOATER_SPACINGS, finish, without_floaters
 from mpf_core.surface.isosurface import Grid, Isosurface, extract
 from mpf_core.surface.mesh import Mesh
@@ -59,7 +60,7 @@ def extract_mesh(
         "evaluations": surface.evaluations,
         "crossed_cells": surface.crossed_cells,
         "floaters_removed": floaters,
-        "bound": "heuristic: cells are left out where |θ| exceeds 1.25 half diagonals",
+        "bound": BOUND,
     }
     return Extraction(mesh, report)
 

@@ -14,14 +14,16 @@ from scipy.spatial import cKDTree
 
 from mpf_core.surface import cubes
 from mpf_core.surface.isosurface import Grid, Isosurface, extract
+from mpf_core.surface.lattice import SPAN
 
 FAR_TREE = cKDTree(np.zeros((1, 3)))
 
 
 def surface_of(signs: NDArray[np.bool_]) -> Isosurface:
     """The surface around the True vertices of a small grid, padded with positive ones."""
-    padded = np.pad(np.where(signs, -1.0, 1.0), 2, constant_values=1.0).astype(np.float32)
-    shape = np.array(padded.shape) - 1
+    shape = np.full(3, SPAN)  # of the grid that holds them and positive vertices all around
+    padded = np.ones(shape + 1, dtype=np.float32)
+    padded[tuple(slice(2, 2 + n) for n in signs.shape)][signs] = -1
     grid = Grid(np.zeros(3), 1.0, shape, levels=0)
 
     def evaluate(x: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -12,7 +12,7 @@ from skimage.measure import marching_cubes
 
 from mpf_core.errors import Cancelled, NoSurface, ResolutionTooHigh
 from mpf_core.quality.topology import topology
-from mpf_core.surface.isosurface import Grid, Isosurface, extract, pack, unpack
+from mpf_core.surface.isosurface import Grid, Isosurface, extract
 from mpf_core.surface.mesh import Mesh
 from tests.mpf_core.clouds import sphere
 
@@ -142,10 +142,3 @@ def test_the_grid_covers_a_box_of_any_shape(resolution: int) -> None:
     assert (grid.origin <= low + 1e-12).all()
     assert (grid.points(grid.shape) >= high - 1e-12).all()
     assert (grid.shape % 2**grid.levels == 0).all()
-
-
-def test_keys_of_vertices_come_back_and_add() -> None:
-    rng = np.random.default_rng(0)
-    a, b = rng.integers(0, 2**19, size=(2, 100, 3))
-    assert np.array_equal(unpack(pack(a)), a)
-    assert np.array_equal(pack(a) + pack(b), pack(a + b))

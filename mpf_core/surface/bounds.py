@@ -1,0 +1,119 @@
+"""Which signs the known values leave open. A sign is certain if one of two bounds says so:
+
+- slope: a corner where |θ| = v keeps its sign within the distance v / slope. The slope is the
+  steepest that the cell's own corners show, at least the 1 that the Eikonal terms ask for, times
+  SAFETY.
+- prediction: the interpolated value is farther from zero than the interpolation was wrong one
+  level up, times ERROR_SAFETY. Where θ is smooth the error falls to a quarter with each level;
+  across the crease inside a thin wall it does not, but there twice the error seen one level up
+  covers it.
+
+Neither is proved, so the bound is heuristic. What it loses beside a found piece of surface is found
+again (`refine.completed`); a whole piece is not.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpf_core.surface import cubes
+
+SAFETY = 1.25
+ERROR_SAFETY = 2.0
+BOUND = (
+    f"heuristic: a sign is taken as known where |θ| exceeds {SAFETY:g} times the slope seen around "
+    f"the cell, or the interpolated θ {ERROR_SAFETY:g} times the error seen one level up"
+)
+CHILD_POINTS = 5  # points along a side of a cell at which its children's signs are asked for
+
+CORNERS_OF_27 = (cubes.CORNERS * 2) @ np.array([1, 3, 9])
+
+Corners = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+_LOW = [[c for c in range(8) if not c >> axis & 1] for axis in range(3)]
+_HIGH = [[c for c in range(8) if c >> axis & 1] for axis in range(3)]
+
+
+def lattice_points(count: int) -> NDArray[np.float64]:
+    """(count³, 3) points of the unit cell, x fastest."""
+    line = np.linspace(0, 1, count)
+    return np.array([(x, y, z) for z, y, x in product(line, repeat=3)])
+
+
+@cache
+def trilinear(count: int) -> NDArray[np.float32]:
+    """(count³, 8) weights of the corners at the points of a cell."""
+    points = lattice_points(count)[:, None]
+    share = np.where(cubes.CORNERS == 1, points, 1 - points)
+    weights: NDArray[np.float32] = share.prod(-1).astype(np.float32)
+    return weights
+
+
+def open_children(
+    corner: Corners, edges: NDArray[np.float64], error: Corners, *, exact: bool
+) -> Flags:
+    """(8, m) children of each cell in which both signs are possible.
+
+    corner: (8, m) θ at the corners; edges: (3,); error: (m,) of the prediction one level up.
+    exact: the points asked are all vertices that any finer cell has; otherwise half the diagonal
+    between them is added to the distances.
+    """
+    points = lattice_points(CHILD_POINTS)
+    gap = 0.0 if exact else float(np.linalg.norm(edges)) / (CHILD_POINTS - 1)
+    distance = _distances(points, edges, gap / 2)
+    reach = _reaches(corner, edges)
+    between = trilinear(CHILD_POINTS) @ corner  # (p, m)
+    margin = np.float32(ERROR_SAFETY) * error
+    negative = between <= margin
+    positive = between >= -margin
+    for c in range(8):
+        negative &= reach[c] <= distance[c, :, None]
+        positive &= -reach[c] <= distance[c, :, None]
+    return _any_in_child(negative) & _any_in_child(positive)
+
+
+def predicted(corner: Corners, edges: NDArray[np.float64], error: Corners) -> tuple[Corners, Flags]:
+    """(27, m) interpolated values at the vertices of cells of size 2, and whether their signs are
+    certain. Arguments as for `open_children`."""
+    distance = _distances(lattice_points(3), edges)
+    reach = _reaches(corner, edges)
+    between = trilinear(3) @ corner
+    sure = np.abs(between) > np.float32(ERROR_SAFETY) * error
+    sign = np.where(between < 0, np.float32(-1), np.float32(1))
+    for c in range(8):
+        sure |= reach[c] * sign > distance[c, :, None]
+    return between, sure
+
+
+def _reaches(corner: Corners, edges: NDArray[np.float64]) -> Corners:
+    """(8, m) signed distance within which each corner's sign holds, in cells with (3,) edges."""
+    slopes = np.stack([corner[_HIGH[k]] - corner[_LOW[k]] for k in range(3)])  # (3, 4, m)
+    slopes /= edges[:, None, None].astype(np.float32)
+    gradient = np.linalg.norm(slopes.mean(1), axis=0)
+    steepest = np.maximum(np.abs(slopes).max((0, 1)), np.maximum(gradient, 1))
+    reach: Corners = (corner / (SAFETY * steepest)).astype(np.float32)
+    return reach
+
+
+def _distances(
+    points: NDArray[np.float64], edges: NDArray[np.float64], more: float = 0.0
+) -> Corners:
+    """(8, p) from each corner to each point of the cell, and `more`."""
+    between = (cubes.CORNERS[:, None] - points[None]) * edges
+    distance: Corners = (np.linalg.norm(between, axis=-1) + more).astype(np.float32)
+    return distance
+
+
+def _any_in_child(flags: Flags) -> Flags:
+    """(8, m) whether any of a child's 3³ points of the cell's 5³ is set in flags (125, m)."""
+    block = flags.reshape(CHILD_POINTS, CHILD_POINTS, CHILD_POINTS, -1)
+    for axis in range(3):
+        line = np.moveaxis(block, axis, 0)
+        halves = (line[0] | line[1] | line[2], line[2] | line[3] | line[4])
+        block = np.stack(halves, axis=axis)
+    return block.reshape(8, -1)

@@ -1,0 +1,154 @@
+"""θ at the grid's vertices, kept in bricks that exist only where the surface passes.
+
+A vertex is an integer triple on the finest grid. A table over all brick places leads to the number
+of a brick, so that finding a vertex is arithmetic and one look-up: nothing is sorted or searched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+SPAN = 8  # finest cells along a side of a brick
+CHUNK = 32_768  # cells handled at once, so that tables over their vertices stay small
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+Evaluate = Callable[[NDArray[np.float64]], NDArray[np.float32]]
+Cells = NDArray[np.int64]
+Flat = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells from `origin` (3,), `shape` (3,) of them at the finest level.
+
+    cell: edge along an axis that is not refined; finer: (3,) how many times finer the cells are
+    along each axis; levels: halvings between the coarsest cells looked at and the finest, 0 to
+    look everywhere. `shape` is a multiple of SPAN and of 2 ** levels.
+    """
+
+    origin: NDArray[np.float64]
+    cell: float
+    shape: NDArray[np.int64]
+    levels: int
+    finer: NDArray[np.int64] = field(default_factory=lambda: np.ones(3, dtype=np.int64))
+
+    @classmethod
+    def around(
+        cls,
+        low: NDArray[np.float64],
+        high: NDArray[np.float64],
+        resolution: int,
+        finer: tuple[int, int, int] = (1, 1, 1),
+    ) -> Grid:
+        """Cells over the box, `resolution` of them along its longest side before `finer`."""
+        cell = float((high - low).max()) / resolution
+        # 16 to 32 coarsest cells a side: few enough to be cheap, enough to see what is there.
+        levels = min(4, int(np.log2(resolution / 8))) + max(0, int(np.log2(resolution / 512)))
+        block = max(2**levels, SPAN)
+        steps = cell / np.array(finer)
+        shape = -(-np.ceil((high - low) / steps).astype(np.int64) // block) * block
+        return cls((low + high) / 2 - shape * steps / 2, cell, shape, levels, np.array(finer))
+
+    @property
+    def steps(self) -> NDArray[np.float64]:
+        """(3,) edges of the finest cells."""
+        return self.cell / self.finer
+
+    def points(self, vertices: NDArray[np.integer]) -> NDArray[np.float64]:
+        """Normalised position of finest-grid vertices (m, 3)."""
+        return self.origin + vertices * self.steps
+
+
+class Lattice:
+    """θ at the vertices of bricks; NaN where it is not known.
+
+    spacing: finest cells between the vertices that are kept, SPAN or 1; everywhere: whether all
+    bricks exist from the start. Tables over the vertices of m cells have the shape (·, m): a cell
+    is a column, so that numpy's inner loops are long.
+    """
+
+    def __init__(self, grid: Grid, evaluate: Evaluate, spacing: int, *, everywhere: bool):
+        self.grid, self.evaluate, self.spacing = grid, evaluate, spacing
+        self.bits = (SPAN // spacing).bit_length() - 1  # of a vertex's place along a brick's side
+        self.shape = grid.shape // SPAN + 1  # brick places along each axis
+        self.evaluations = 0
+        self.places = np.empty(0, dtype=np.int64)
+        self.numbers = np.full(int(np.prod(self.shape)), -1, dtype=np.int32)
+        self.values = np.empty(0, dtype=np.float32)
+        if everywhere:
+            self._add(np.arange(len(self.numbers)))
+
+    def index(self, cells: Cells, offsets: tuple[int, ...]) -> Flat:
+        """(len(offsets)³, m) places in `values` of the vertices at cells (m, 3) plus offsets along
+        each axis, x fastest. Their bricks must exist."""
+        place, inner = self._address(cells, offsets)
+        at = self.numbers[place].astype(np.int64)
+        at <<= 3 * self.bits
+        at += inner
+        return at.reshape(len(offsets) ** 3, len(cells))
+
+    def corners(self, cells: Cells, size: int) -> NDArray[np.float32]:
+        """(8, m) θ at the corners of cells (m, 3) of `size` finest cells."""
+        return self.values[self.index(cells, (0, size))]
+
+    def vertices(self, at: Flat) -> Cells:
+        """The finest-grid vertices (m, 3) at places in `values`."""
+        brick = np.stack(np.unravel_index(self.places, self.shape), axis=-1) * SPAN
+        vertices: Cells = brick[at >> 3 * self.bits]
+        if self.bits:
+            mask = (1 << self.bits) - 1
+            for axis in range(3):
+                vertices[:, axis] += at >> axis * self.bits & mask
+        return vertices
+
+    def hold(self, cells: Cells, size: int) -> None:
+        """Make the bricks in which cells (m, 3) of `size` finest cells have vertices."""
+        place, _ = self._address(cells, (0, size))
+        self._add(np.unique(place[self.numbers[place] < 0]))
+
+    def has(self, cells: Cells) -> NDArray[np.bool_]:
+        """Whether the brick at the lowest vertex of each cell exists."""
+        place, _ = self._address(cells, (0,))
+        return self.numbers[place.ravel()] >= 0
+
+    def learn(self, cells: Cells, offsets: tuple[int, ...]) -> None:
+        """Evaluate θ where it is unknown at the vertices of cells (m, 3)."""
+        wanted = np.zeros(len(self.values), dtype=bool)
+        for part in chunks(cells):
+            wanted[self.index(part, offsets)] = True
+        at = np.flatnonzero(wanted)
+        self.renew(at[np.isnan(self.values[at])])
+
+    def renew(self, at: Flat) -> None:
+        """Evaluate θ at distinct places in `values`, whatever they hold."""
+        self.values[at] = self.evaluate(self.grid.points(self.vertices(at)))
+        self.evaluations += len(at)
+
+    def _address(self, cells: Cells, offsets: tuple[int, ...]) -> tuple[Flat, Flat]:
+        """Brick places and places in the brick, with axes z, y, x, cell."""
+        stride = (int(self.shape[1] * self.shape[2]), int(self.shape[2]), 1)
+        views = ((None, None), (None, slice(None), None), (slice(None), None, None))
+        place = np.zeros((1, 1, 1, len(cells)), dtype=np.int64)
+        inner = np.zeros((1, 1, 1, len(cells)), dtype=np.int64)
+        for axis, view in enumerate(views):
+            v = cells[:, axis] + np.array(offsets)[:, None]  # (c, m)
+            place = place + (v // SPAN * stride[axis])[view]
+            inner = inner + (v % SPAN // self.spacing << axis * self.bits)[view]
+        return place, inner
+
+    def _add(self, places: Flat) -> None:
+        self.numbers[places] = np.arange(len(self.places), len(self.places) + len(places))
+        self.places = np.concatenate([self.places, places])
+        fresh = np.full(len(places) << 3 * self.bits, np.nan, dtype=np.float32)
+        self.values = np.concatenate([self.values, fresh])
+
+
+def chunks(rows: NDArray[Scalar]) -> Iterator[NDArray[Scalar]]:
+    """The rows in order, at most CHUNK at once; one empty part if there are none."""
+    for start in range(0, max(len(rows), 1), CHUNK):
+        yield rows[start : start + CHUNK]

@@ -1,0 +1,162 @@
+"""Coarse to fine: from all coarse cells to the cells of two finest cells a side that the surface
+passes, with the sign of θ known at each of their 27 vertices.
+
+Cells are integer triples, their lowest vertex on the finest grid. Down to cells of two, θ is
+evaluated at the corners of every cell in which both signs are possible. In the last step a vertex
+is evaluated only if the corners around leave its sign open; elsewhere it keeps the interpolated
+value, which has the right sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpf_core.surface import bounds, cubes
+from mpf_core.surface.lattice import SPAN, Cells, Evaluate, Flat, Grid, Lattice, chunks
+
+Near = Callable[[Cells, int], NDArray[np.bool_]]
+Check = Callable[[int, int], None]
+
+Errors = NDArray[np.float32]
+
+_MIDDLES = np.setdiff1d(np.arange(27), bounds.CORNERS_OF_27)
+
+
+def refined(grid: Grid, evaluate: Evaluate, near: Near, check: Check) -> tuple[Lattice, Cells]:
+    """The lattice and the cells (m, 3) of size 2 that may hold the surface.
+
+    near(cells, size) tells which cells samples lie in or beside: they are split whatever θ says,
+    while they are as large as a brick. check(count, size) is called with the cells of each level
+    after the first.
+    """
+    size = 2**grid.levels
+    ranges = [np.arange(0, n, max(size, 2)) for n in grid.shape]
+    cells = np.stack(np.meshgrid(*ranges, indexing="ij"), -1).reshape(-1, 3)
+    lattice = Lattice(grid, evaluate, SPAN if size > SPAN else 1, everywhere=True)
+    if size == 1:  # every vertex is asked for
+        lattice.learn(cells, (0, 1, 2))
+        return lattice, cells
+    lattice.learn(cells, (0, size))
+    error = np.full(len(cells), np.inf, dtype=np.float32)
+    while size > 2:
+        if size == lattice.spacing:
+            lattice = _with_bricks(lattice, cells)
+        cells, size = _children(lattice, cells, size, error, near), size // 2
+        check(len(cells), size)
+        lattice.learn(cells, (0, size))
+        error = _errors(lattice, cells, size)
+    return lattice, completed(lattice, _last(lattice, cells, error))
+
+
+def _with_bricks(coarse: Lattice, cells: Cells) -> Lattice:
+    """The lattice of all vertices in the bricks of `cells`, with what the coarse one knows."""
+    lattice = Lattice(coarse.grid, coarse.evaluate, 1, everywhere=False)
+    lattice.hold(cells, SPAN)
+    lattice.values[:: SPAN**3] = coarse.values[lattice.places]
+    lattice.evaluations = coarse.evaluations
+    return lattice
+
+
+def _children(lattice: Lattice, cells: Cells, size: int, error: Errors, near: Near) -> Cells:
+    """The children of cells of `size` in which both signs are possible."""
+    children = []
+    edges = lattice.grid.steps * size
+    for part, off in zip(chunks(cells), chunks(error), strict=True):
+        corner = lattice.corners(part, size)
+        wanted = bounds.open_children(corner, edges, off, exact=size < bounds.CHILD_POINTS)
+        if size >= SPAN:
+            wanted |= near(part, size)
+        row, child = np.nonzero(wanted.T)
+        children.append(part[row] + cubes.CORNERS[child] * (size // 2))
+    return np.concatenate(children)
+
+
+def _errors(lattice: Lattice, cells: Cells, size: int) -> Errors:
+    """(m,) how far θ is from what its parent's corners predict, at the vertices known of it.
+
+    cells: (m, 3) of `size`, the children of one parent in a row.
+    """
+    parent = cells // (2 * size) * (2 * size)
+    first = np.ones(len(cells), dtype=bool)
+    first[1:] = (parent[1:] != parent[:-1]).any(1)
+    errors = []
+    for part in chunks(parent[first]):
+        value = lattice.values[lattice.index(part, (0, size, 2 * size))]
+        off = np.abs(value - bounds.trilinear(3) @ value[bounds.CORNERS_OF_27])
+        errors.append(np.fmax.reduce(off, axis=0, initial=0.0))
+    of_parent: Errors = np.concatenate(errors)
+    spread: Errors = of_parent[np.cumsum(first) - 1]
+    return spread
+
+
+def _last(lattice: Lattice, cells: Cells, error: Errors) -> Cells:
+    """The cells of size 2 in which both signs are possible, with all their vertices known."""
+    edges = lattice.grid.steps * 2
+    pending = np.zeros(len(lattice.values), dtype=bool)
+    sure = np.zeros(len(lattice.values), dtype=bool)
+    kept = []
+    for part, off in zip(chunks(cells), chunks(error), strict=True):
+        corner = lattice.corners(part, 2)
+        predicted, certain = bounds.predicted(corner, edges, off)
+        crossed = (corner < 0).any(0) & (corner >= 0).any(0)
+        keep = crossed | ~certain[_MIDDLES].all(0)
+        open_ = ~certain[_MIDDLES][:, keep]
+        at = lattice.index(part[keep], (0, 1, 2))[_MIDDLES]
+        lattice.values[at] = predicted[_MIDDLES][:, keep]
+        pending[at[open_]] = True
+        sure[at[~open_]] = True
+        kept.append(part[keep])
+    lattice.renew(np.flatnonzero(pending & ~sure))
+    return np.concatenate(kept)
+
+
+def completed(lattice: Lattice, cells: Cells) -> Cells:
+    """The cells (m, 3) of size 2 and all beside them into which the surface goes on."""
+    found = [cells]
+    listed = np.zeros(len(lattice.values), dtype=bool)
+    listed[lattice.index(cells, (0,))] = True
+    while len(cells):
+        cells = _beyond(lattice, cells)
+        missing = np.ones(len(cells), dtype=bool)
+        there = np.flatnonzero(lattice.has(cells))
+        missing[there] = ~listed[lattice.index(cells[there], (0,))[0]]
+        cells = np.unique(cells[missing], axis=0)
+        if len(cells):
+            lattice.hold(cells, 2)
+            lattice.learn(cells, (0, 1, 2))
+            listed = np.pad(listed, (0, len(lattice.values) - len(listed)))
+            listed[lattice.index(cells, (0,))] = True
+            found.append(cells)
+    return np.concatenate(found)
+
+
+def signs(lattice: Lattice, cells: Cells) -> tuple[Flat, NDArray[np.uint32]]:
+    """(27, m) places of the vertices of cells of size 2, and a bit for each negative one (m,)."""
+    at = lattice.index(cells, (0, 1, 2))
+    negative = lattice.values[at] < 0
+    bits = np.zeros(len(cells), dtype=np.uint32)
+    for vertex in range(27):
+        bits |= negative[vertex].astype(np.uint32) << np.uint32(vertex)
+    return at, bits
+
+
+def _beyond(lattice: Lattice, cells: Cells) -> Cells:
+    """Neighbours (m, 3) in the grid across faces that the surface cuts."""
+    neighbours = []
+    for part in chunks(cells):
+        _, bits = signs(lattice, part)
+        for axis, high in np.ndindex(3, 2):
+            mask = _face_mask(axis, 2 * high)
+            share = bits & mask
+            beside = part[(share != 0) & (share != mask)]
+            beside[:, axis] += 4 * high - 2
+            inside = (beside[:, axis] >= 0) & (beside[:, axis] < lattice.grid.shape[axis])
+            neighbours.append(beside[inside])
+    return np.concatenate(neighbours)
+
+
+def _face_mask(axis: int, at: int) -> np.uint32:
+    return np.uint32(sum(1 << p for p in range(27) if p // 3**axis % 3 == at))
