@@ -11,7 +11,8 @@ class Progress:
     """One report from a running reconstruction.
 
     `stage` is one of STAGES; `fraction` in [0, 1] is of the whole job, not of the stage; times in
-    seconds. `losses` holds the unweighted terms of the last reported step.
+    seconds. `losses` holds the unweighted terms of the last reported step; `points_per_second`
+    counts the samples at which the fit evaluated its field since the report before.
     """
 
     stage: str
@@ -22,9 +23,11 @@ class Progress:
     iterations: int | None = None
     loss: float | None = None
     losses: Mapping[str, float] = field(default_factory=dict)
+    points_per_second: float | None = None
 
 
 STAGES = ("read", "prepare", "initialize", "fit", "extract", "report")
 
 ProgressCallback = Callable[[Progress], None]
 CancelCheck = Callable[[], bool]
+PreviewCallback = Callable[[bytes], None]

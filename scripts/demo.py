@@ -93,6 +93,7 @@ def service(data_dir: str, log: Path) -> Iterator[str]:
     """`mpf serve` on a free port of this machine; its address. It ends with the block."""
     _say(f"starting the service: Valkey, API and one worker (log: {log})")
     own = {name: value for name, value in os.environ.items() if not name.startswith("MPF_")}
+    own["MPF_LOG_FORMAT"] = "text"
     command = [sys.executable, "-m", "mpf_core", "serve", "--port", "0", "--data-dir", data_dir]
     with log.open("wb") as sink:
         # In a session of its own: Ctrl-C comes to us, and we end it in good order.

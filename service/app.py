@@ -16,13 +16,23 @@ from service.artifacts.routes import router as artifacts
 from service.events.routes import router as events
 from service.jobs.routes import router as jobs
 from service.operations.routes import router as operations
+from service.request_log import RequestLog
 from service.responses import describe
 from service.settings import Settings
 from service.state import build_state
+from service.uploads import tus
 from service.uploads.routes import router as inspection
 from service.webhooks.routes import router as webhooks
 
-UPLOAD_PATHS = frozenset({("POST", "/jobs"), ("POST", "/inspect")})
+ALLOWED_HEADERS = ("Authorization", "Content-Type", "Idempotency-Key", "Last-Event-ID")
+EXPOSED_HEADERS = ("Location", "Retry-After", "ETag")
+
+
+def _is_upload(method: str, path: str) -> bool:
+    """Whether a body may be longer than others; it is counted elsewhere."""
+    if method == "PATCH":
+        return path.startswith("/uploads/")
+    return method == "POST" and path in ("/jobs", "/inspect")
 
 
 def create_app(settings: Settings) -> FastAPI:
@@ -31,6 +41,7 @@ def create_app(settings: Settings) -> FastAPI:
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         state.artifacts.prepare()
+        state.resumable.prepare()
         yield
         await state.hub.close()
         state.redis.close()
@@ -46,19 +57,18 @@ def create_app(settings: Settings) -> FastAPI:
     state = build_state(settings)
     app.state.mpf = state
     problem_handlers.install(app)
-    app.add_middleware(
-        problem_handlers.BodyLimit, limit=settings.body_bytes, unlimited=UPLOAD_PATHS
-    )
+    app.add_middleware(problem_handlers.BodyLimit, limit=settings.body_bytes, unlimited=_is_upload)
     app.add_middleware(Guard, settings=settings)
     if settings.cors_origins:
         app.add_middleware(
             CORSMiddleware,
             allow_origins=settings.cors_origins,
             allow_methods=["GET", "POST", "PATCH", "DELETE", "HEAD"],
-            allow_headers=["Authorization", "Content-Type", "Idempotency-Key", "Last-Event-ID"],
-            expose_headers=["Location", "Retry-After", "ETag"],
+            allow_headers=[*ALLOWED_HEADERS, *tus.ALLOWED_HEADERS],
+            expose_headers=[*EXPOSED_HEADERS, *tus.EXPOSED_HEADERS],
         )
-    for router in (jobs, inspection, events, artifacts, shares, webhooks, operations):
+    app.add_middleware(RequestLog)
+    for router in (jobs, tus.router, inspection, events, artifacts, shares, webhooks, operations):
         app.include_router(router)
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     return app

@@ -60,7 +60,7 @@ def api(host: str, port: int, fd: int | None) -> None:
     from service.settings import Settings
 
     settings = Settings()
-    configure_logging()
+    configure_logging(settings)
     try:
         require_noeviction(connect(settings))
         if fd is None and not is_loopback(host):
@@ -75,7 +75,8 @@ def api(host: str, port: int, fd: int | None) -> None:
         host=host,
         port=port,
         fd=fd,
-        log_level="warning",
+        log_config=None,
+        access_log=False,
         server_header=False,
         timeout_graceful_shutdown=5,
     )

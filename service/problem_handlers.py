@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -13,6 +13,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from redis.exceptions import OutOfMemoryError, ReadOnlyError
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from mpf_core.errors import MPFError
@@ -41,6 +42,8 @@ def respond(
     body = problem.as_dict(instance)
     if body["status"] == 401:
         extra["WWW-Authenticate"] = "Bearer"
+    if problem.code == "upload.version":
+        extra["Tus-Version"] = "1.0.0"
     return JSONResponse(body, body["status"], headers=extra, media_type=MEDIA_TYPE)
 
 
@@ -52,6 +55,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _on_http)
     for unreachable in (*UNREACHABLE, ReadOnlyError, OutOfMemoryError):
         app.add_exception_handler(unreachable, _on_redis)
+    app.add_exception_handler(ClientDisconnect, _on_disconnect)
     app.add_exception_handler(OSError, _on_disk)
     app.add_exception_handler(Exception, _on_anything)
 
@@ -81,6 +85,11 @@ async def _on_http(request: Request, error: Exception) -> Response:
         return await _on_anything(request, error)
     return respond(Problem(code, f"{request.method} {request.url.path}: {error.detail}"),
                    request, error.headers)  # fmt: skip
+
+
+async def _on_disconnect(request: Request, _error: Exception) -> Response:
+    """Nobody is there to read this; only the log would cry wolf."""
+    return respond(Problem("request.malformed", "the body was cut off"), request)
 
 
 async def _on_redis(request: Request, error: Exception) -> Response:
@@ -114,13 +123,13 @@ class BodyLimit:
     Uploads have a limit of their own, in `uploads/`; `unlimited` says which paths those are.
     """
 
-    def __init__(self, app: ASGIApp, limit: int, unlimited: frozenset[tuple[str, str]]):
+    def __init__(self, app: ASGIApp, limit: int, unlimited: Callable[[str, str], bool]):
         self._app = app
         self._limit = limit
         self._unlimited = unlimited
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http" or (scope["method"], scope["path"]) in self._unlimited:
+        if scope["type"] != "http" or self._unlimited(scope["method"], scope["path"]):
             await self._app(scope, receive, send)
             return
         await _Counted(self._app, self._limit).run(scope, receive, send)

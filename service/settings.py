@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -15,6 +16,11 @@ class Settings(BaseSettings):
     """One value, made once at the start of a process and handed to what needs it."""
 
     model_config = SettingsConfigDict(env_prefix="MPF_", frozen=True)
+
+    # What is written down
+    log_format: Literal["auto", "json", "text"] = Field(
+        default="auto", description="Lines of the logs; auto: text on a terminal, else JSON."
+    )
 
     # Where things are
     redis_url: str = Field(
@@ -29,6 +35,11 @@ class Settings(BaseSettings):
     # What is accepted
     upload_bytes: int = Field(default=1024 * MEBIBYTE, ge=1, description="Largest input, bytes.")
     max_points: int = Field(default=10_000_000, ge=51, description="Most points in an input.")
+    resumable_seconds: float = Field(
+        default=86_400.0,
+        gt=0,
+        description="Time for which an interrupted upload may be taken up again, s.",
+    )
     body_bytes: int = Field(
         default=1 * MEBIBYTE, ge=1, description="Largest request body that is not an upload, bytes."
     )
@@ -65,6 +76,11 @@ class Settings(BaseSettings):
     requests_burst: int = Field(default=60, ge=1, description="Of these, at once.")
     jobs_per_owner: int = Field(
         default=0, ge=0, description="Queued and running jobs of one caller; 0: no limit."
+    )
+    running_per_owner: int = Field(
+        default=0,
+        ge=0,
+        description="Jobs of one caller that run at the same time; the others wait. 0: no limit.",
     )
 
     # How a job runs

@@ -22,6 +22,7 @@ from service.operations.store import WorkerRegister
 from service.settings import Settings
 from service.uploads.intake import Intake
 from service.uploads.receive import Receiver
+from service.uploads.resumable import ResumableStore
 from service.webhooks.store import WebhookStore
 
 
@@ -38,6 +39,7 @@ class State:
     hub: Hub
     jobs: JobCommands
     receiver: Receiver
+    resumable: ResumableStore
     intake: Intake
     health: Health
     metrics: Metrics
@@ -52,6 +54,7 @@ def build_state(settings: Settings) -> State:
     artifacts = ArtifactStore(settings.data_dir)
     store = JobStore(redis, retention_seconds=settings.retention_seconds)
     queue = JobQueue(redis, job_seconds=settings.job_seconds)
+    resumable = ResumableStore(settings.data_dir, settings)
     commands = JobCommands(redis, store, queue, artifacts, settings)
     return State(
         settings=settings,
@@ -63,7 +66,8 @@ def build_state(settings: Settings) -> State:
         hub=Hub(settings),
         jobs=commands,
         receiver=Receiver(artifacts, settings),
-        intake=Intake(commands, artifacts, settings),
+        resumable=resumable,
+        intake=Intake(commands, artifacts, resumable, settings),
         health=Health(redis, artifacts),
         metrics=Metrics(store, WorkerRegister(redis), artifacts),
         keys=KeyStore(redis),

@@ -6,35 +6,42 @@ Exits with 1 if a request failed or the 99th percentile is above the target.
 from __future__ import annotations
 
 import argparse
-import asyncio
+import json
+import os
+import subprocess
 import sys
 import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import httpx2
 
 from service.settings import Settings
+from tests.processes import children_of, cpu_seconds
 from tests.services import (
+    REPOSITORY,
     Server,
+    environment,
     form,
     running_api,
     running_worker,
     settings_for,
-    sphere_xyz,
 )
 
-POLL_EVERY = 2.0  # what Retry-After says
+RAMP = 1.0  # s; jobs must run before anybody asks for them
 
 
 @dataclass(frozen=True)
 class Figures:
-    """times: of each poll, sorted, s; errors: answers other than 200 and 202."""
+    """times: of each poll, sorted, s; errors: answers other than 200 and 202; processor: seconds
+    that the API used for each request, polls and uploads together."""
 
     times: list[float]
     errors: list[str]
     uploads: int
+    processor: float
 
     def at(self, share: float) -> float:
         """The quantile of the times, s."""
@@ -43,68 +50,54 @@ class Figures:
     def __str__(self) -> str:
         return (
             f"{len(self.times)} polls, p50 {self.at(0.5):.4f} s, p99 {self.at(0.99):.4f} s, "
-            f"{self.uploads} uploads, {len(self.errors)} errors"
+            f"{self.uploads} uploads, {len(self.errors)} errors, "
+            f"{1000 * self.processor:.2f} ms of processor time per request"
         )
 
 
 def measure(
-    server: Server, folder: Path, *, seconds: float, pollers: int, uploaders: int
+    server: Server, folder: Path, *, seconds: float, pollers: int, uploaders: int, **changes: Any
 ) -> Figures:
     """Two workers burn a core each; the rest is for the API."""
-    settings = settings_for(
-        server,
-        folder,
-        content_check_bytes=0,
-        progress_seconds=0.5,
-        job_nice=Settings.model_fields["job_nice"].default,
-    )
+    told: dict[str, Any] = {
+        "content_check_bytes": 0,
+        "progress_seconds": 0.5,
+        "job_nice": Settings.model_fields["job_nice"].default,
+    }
+    settings = settings_for(server, folder, **(told | changes))
     with running_api(settings) as api, running_worker(settings), running_worker(settings):
         jobs = [
-            httpx2.post(f"{api}/jobs", timeout=30, **form(name="burn-30.xyz")).json()["id"]
+            httpx2.post(f"{api}/jobs", timeout=30, **form(name="burn-60.xyz")).json()["id"]
             for _ in range(2)
         ]
-        return asyncio.run(press(api, jobs, seconds=seconds, pollers=pollers, uploaders=uploaders))
+        time.sleep(RAMP)
+        (pid,) = [p for p in children_of(os.getpid()) if _is_api(p)]
+        before = cpu_seconds(pid)
+        where = api.removeprefix("http://")
+        uploading = _client(settings, "upload", where, seconds, uploaders)
+        polling = _client(settings, "poll", where, seconds, pollers, *jobs)
+        polls, uploads = _found(polling), _found(uploading)
+        spent = cpu_seconds(pid) - before
+    requests = len(polls["times"]) + len(uploads["times"])
+    errors = polls["errors"] + uploads["errors"]
+    return Figures(sorted(polls["times"]), errors, len(uploads["times"]), spent / max(requests, 1))
 
 
-async def press(
-    api: str, jobs: list[str], *, seconds: float, pollers: int, uploaders: int
-) -> Figures:
-    """Poll `jobs` and upload clouds for so long."""
-    times: list[float] = []
-    errors: list[str] = []
-    uploaded = 0
-    over = time.monotonic() + seconds
-    limits = httpx2.Limits(max_connections=None, max_keepalive_connections=None)
-    cloud = sphere_xyz(20_000)
+def _is_api(pid: int) -> bool:
+    return "--fd" in Path(f"/proc/{pid}/cmdline").read_text()
 
-    async def poll(client: httpx2.AsyncClient, number: int) -> None:
-        await asyncio.sleep(POLL_EVERY * number / pollers)
-        while time.monotonic() < over:
-            start = time.perf_counter()
-            answer = await client.get(f"/jobs/{jobs[number % 2]}")
-            times.append(time.perf_counter() - start)
-            if answer.status_code != 200:
-                errors.append(answer.text)
-            await asyncio.sleep(POLL_EVERY)
 
-    async def upload(client: httpx2.AsyncClient) -> None:
-        nonlocal uploaded
-        while time.monotonic() < over:
-            answer = await client.post("/jobs", **form(cloud, name="ok.xyz"))
-            uploaded += 1
-            if answer.status_code != 202:
-                errors.append(answer.text)
-            await asyncio.sleep(1.0)
+def _client(settings: Settings, *arguments: object) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "tests.load_client", *map(str, arguments)]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, env=environment(settings), cwd=REPOSITORY
+    )
 
-    async with (
-        httpx2.AsyncClient(base_url=api, limits=limits, timeout=30) as client,
-        asyncio.TaskGroup() as group,
-    ):
-        for number in range(pollers):
-            group.create_task(poll(client, number))
-        for _ in range(uploaders):
-            group.create_task(upload(client))
-    return Figures(sorted(times), errors, uploaded)
+
+def _found(client: subprocess.Popen[bytes]) -> dict[str, Any]:
+    told, _ = client.communicate()
+    assert client.returncode == 0
+    return dict(json.loads(told))
 
 
 def main() -> int:

@@ -31,7 +31,7 @@ def main() -> None:
     from worker.rq_job import JobProcessWorker
 
     settings = Settings()
-    configure_logging()
+    configure_logging(settings)
     limit_memory(settings)
     os.nice(settings.job_nice)
     redis = connect(settings)

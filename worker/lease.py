@@ -18,7 +18,8 @@ class LeaseKeeper:
     """Renews one lease from a thread while the job process lives.
 
     The parent does this, not the job process: a long call into native code must not look like
-    death. `kill` is called once, when the lease is lost or a cancelled job outstays its grace.
+    death. `kill` is called once, when the lease is lost, a cancelled job outstays its grace, or the
+    process lives longer than `limit` seconds by the steady clock: then `overtime` is true.
     """
 
     def __init__(
@@ -30,7 +31,11 @@ class LeaseKeeper:
         every: float,
         cancel_grace: float,
         keep_grace: float,
+        limit: float,
     ):
+        self.overtime = False
+        self._limit = limit
+        self._begin = time.monotonic()
         self._store = store
         self._lease = lease
         self._kill = kill
@@ -52,6 +57,11 @@ class LeaseKeeper:
 
     def _keep(self) -> None:
         while not self._over.wait(self._pause):
+            if time.monotonic() - self._begin > self._limit:
+                log.warning("job %s: its process outlives its time", self._lease.job_id)
+                self.overtime = True
+                self._kill()
+                return
             try:
                 valid, cancel = self._store.renew(self._lease)
             except UNREACHABLE as error:

@@ -40,7 +40,7 @@ class Stop:
 
 def run_worker(settings: Settings, make: Callable[[Settings], MpfWorker] = MpfWorker) -> None:
     """Work until told to stop; a Redis that is away is waited for."""
-    configure_logging()
+    configure_logging(settings)
     out_of_memory_killed()  # the count from here on
     stop = Stop()
     wait = FIRST_WAIT_SECONDS

@@ -16,7 +16,8 @@ from service.jobs.model import Job, JobState
 from service.jobs.queue import JobQueue, entry_id
 from service.jobs.store import JobStore
 from service.settings import Settings
-from worker.settle import cancelled_problem, crashed_problem
+from worker.parking import Parking
+from worker.settle import cancelled_problem, crashed_problem, forget_if_ended
 
 log = logging.getLogger("mpf.worker")
 
@@ -63,12 +64,14 @@ class Reaper:
         self._queue = queue
         self._artifacts = artifacts
         self._settings = settings
+        self._parking = Parking(store, queue, settings.running_per_owner)
         self._running = Watch(clock)
         self._queued = Watch(clock)
 
     def look(self) -> None:
         """Requeue what has lost its worker or its entry."""
         self._look_at_running()
+        self._parking.let_out()
         self._look_at_queued()
 
     def _look_at_running(self) -> None:
@@ -93,15 +96,17 @@ class Reaper:
                 changed = self._store.reap(job)
                 self._queue.enqueue(job.id, changed.attempt)
             self._artifacts.discard_work(job.id, job.attempt)
+            forget_if_ended(job.id, self._store, self._artifacts)
         except Refused as refusal:
             log.info("job %s: not reaped: %s", job.id, refusal)
 
     def _look_at_queued(self) -> None:
         waiting = self._queue.waiting()
+        parked = {job.id for job in self._store.parked()}
         lost: set[str] = set()
         for job_id in self._store.in_state(JobState.QUEUED):
             job = self._store.get(job_id)
-            if job is None or entry_id(job_id, job.attempt) in waiting:
+            if job is None or job_id in parked or entry_id(job_id, job.attempt) in waiting:
                 continue
             lost.add(job_id)
             if self._queued.unchanged_for(job_id, job.attempt) > LOST_ENTRY_SECONDS:

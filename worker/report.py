@@ -79,7 +79,7 @@ class Reporter:
             return
         self._asked_at = now
         try:
-            valid, cancel = self._store.look(self._lease)
+            valid, cancel = self._store.heed(self._lease)
         except UNREACHABLE as error:
             log.warning("job %s: cannot ask for cancellation: %s", self._lease.job_id, error)
             return
@@ -111,6 +111,7 @@ def _plain(progress: Progress) -> JobProgress:
         iterations=progress.iterations,
         loss=_finite(progress.loss),
         losses={n: float(v) for n, v in progress.losses.items() if math.isfinite(v)},
+        points_per_second=_finite(progress.points_per_second),
     )
 
 

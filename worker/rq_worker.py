@@ -26,6 +26,7 @@ from service.jobs.queue import QUEUE_NAME, JobQueue, attempt_of
 from service.jobs.store import JobStore
 from service.settings import Settings
 from worker.lease import LeaseKeeper
+from worker.parking import Parking
 from worker.settle import settle
 
 log = logging.getLogger("mpf.worker")
@@ -33,6 +34,8 @@ log = logging.getLogger("mpf.worker")
 # RQ blocks for this minus 15 s at a time, so a lost connection is noticed soon.
 WORKER_TTL_SECONDS = 30
 MONITOR_SECONDS = 30
+# A job process ends itself when its time is over; one that does not hear its alarm is killed.
+OVERTIME_SECONDS = 5.0
 
 
 class MpfWorker(Worker):
@@ -56,8 +59,20 @@ class MpfWorker(Worker):
         self.store = JobStore(own, retention_seconds=settings.retention_seconds)
         self.queue = JobQueue(own, job_seconds=settings.job_seconds)
         self.artifacts = ArtifactStore(settings.data_dir)
+        self.parking = Parking(self.store, self.queue, settings.running_per_owner)
         self._process: subprocess.Popen[bytes] | None = None
         self.left_on_request = False
+
+    def execute_job(self, job: Entry, queue: Queue) -> None:
+        """Run the entry, unless its owner runs as many jobs as it may."""
+        job_id, _ = attempt_of(job.id)
+        if self.parking.park(job_id):
+            queue.intermediate_queue.remove(job.id)
+            job.delete()
+            return
+        super().execute_job(job, queue)
+        with contextlib.suppress(RedisError):
+            self.parking.let_out()
 
     def fork_work_horse(self, job: Entry, queue: Queue) -> None:  # noqa: ARG002
         """Start the job process in a group of its own."""
@@ -83,12 +98,22 @@ class MpfWorker(Worker):
             every=self.settings.heartbeat_seconds,
             cancel_grace=self.settings.cancel_grace_seconds,
             keep_grace=self.settings.keep_grace_seconds,
+            limit=self.settings.job_seconds + OVERTIME_SECONDS,
         )
+        job.timeout = -1  # RQ would go by the wall clock here, which may jump
         with keeper:
             with contextlib.suppress(RedisError):
                 super().monitor_work_horse(job, queue, execution)
             code = self._exit_code()
-        settle(lease, code, self.store, self.queue, self.artifacts, self.settings)
+        settle(
+            lease,
+            code,
+            self.store,
+            self.queue,
+            self.artifacts,
+            self.settings,
+            overtime=keeper.overtime,
+        )
 
     def wait_for_horse(self) -> tuple[int | None, int | None, Any]:
         """As RQ's, but the end is noted where `subprocess` looks for it."""

@@ -26,14 +26,23 @@ def settle(
     queue: JobQueue,
     artifacts: ArtifactStore,
     settings: Settings,
+    *,
+    overtime: bool = False,
 ) -> None:
-    """Fail, cancel or requeue what a dead job process left; the reaper does so if Redis is away."""
+    """Fail, cancel or requeue what a dead job process left; the reaper does so if Redis is away.
+
+    overtime: it was killed since its time was over.
+    """
     try:
         job = store.get(lease.job_id)
         if job is not None and job.state is JobState.RUNNING and job.lease == lease.token():
             log.warning("job %s: its process ended with %s", job.id, code)
-            _end_of(job, lease, code, store, queue, settings)
+            if overtime and not job.cancel:
+                store.fail(lease, time_limit_problem(settings))
+            else:
+                _end_of(job, lease, code, store, queue, settings)
             artifacts.discard_work(lease.job_id, lease.attempt)
+            forget_if_ended(job.id, store, artifacts)
         elif job is not None and job.state is JobState.QUEUED and code == -signal.SIGTERM:
             # It was told to leave before it had started.
             queue.enqueue(job.id, job.attempt)
@@ -41,6 +50,13 @@ def settle(
         log.info("job %s: settled elsewhere (%s)", lease.job_id, refusal)
     except RedisError as error:
         log.warning("job %s: left to the reaper: %s", lease.job_id, error)
+
+
+def forget_if_ended(job_id: str, store: JobStore, artifacts: ArtifactStore) -> None:
+    """Remove what the next attempt would go on from, if there is none."""
+    job = store.get(job_id)
+    if job is None or job.ended:
+        artifacts.forget_checkpoints(job_id)
 
 
 def _end_of(
@@ -84,6 +100,14 @@ def crashed_problem(attempts: int) -> dict[str, object]:
     """Why a job is not tried again."""
     detail = f"the job's process died in each of {attempts} attempts"
     return Problem("job.crashed", detail, advice="See the worker's log.").as_dict()
+
+
+def time_limit_problem(settings: Settings) -> dict[str, object]:
+    """Why a job that took too long is not tried again."""
+    limit = f"an attempt may take {settings.job_seconds:g} s"
+    return Problem(
+        "job.time_limit", limit, advice="Lower time_budget, or thin the cloud out."
+    ).as_dict()
 
 
 def out_of_memory_problem() -> dict[str, object]:

@@ -25,14 +25,16 @@ from mpf_core.options import Options, options_from
 from service.artifacts.store import ArtifactStore
 from service.connection import UNREACHABLE, connect
 from service.jobs.lease import Changed, Lease, Refused
-from service.jobs.model import Artifact, Job
+from service.jobs.model import RESULTS, Artifact, Job
 from service.jobs.queue import JobQueue, attempt_of
 from service.jobs.store import JobStore
+from service.logs import about
 from service.problems import Problem, problem_from
 from service.settings import Settings
 from worker.memory import is_out_of_memory
+from worker.preview import PreviewWriter
 from worker.report import Reporter
-from worker.settle import cancelled_problem, out_of_memory_problem
+from worker.settle import cancelled_problem, out_of_memory_problem, time_limit_problem
 
 log = logging.getLogger("mpf.worker")
 
@@ -46,6 +48,8 @@ class Run:
     cloud: Path
     out: Path
     reporter: Reporter
+    preview: Callable[[bytes], None]
+    checkpoint: Path
 
 
 Runner = Callable[[Run], None]
@@ -75,7 +79,8 @@ def run(job_id: str) -> None:
     _, attempt = attempt_of(entry.id)
     settings = Settings()
     lease = Lease(job_id, attempt, os.environ["RQ_WORKER_ID"])
-    Attempt(lease, connect(settings), settings).run()
+    with about(job_id):
+        Attempt(lease, connect(settings), settings).run()
 
 
 class Attempt:
@@ -92,7 +97,7 @@ class Attempt:
     def run(self) -> None:
         """From `queued` to wherever it ends."""
         try:
-            job = self._store.start(self._lease)
+            job = self._store.start(self._lease, self._settings.running_per_owner)
         except Refused as refusal:
             log.info("job %s: attempt %s not started: %s", *self._name(), refusal)
             return
@@ -111,8 +116,7 @@ class Attempt:
         except MPFError as error:
             return self._failed(problem_from(error).as_dict())
         except JobTimeoutException:
-            limit = f"an attempt may take {self._settings.job_seconds:g} s"
-            return self._failed(Problem("job.time_limit", limit).as_dict())
+            return self._failed(time_limit_problem(self._settings))
         except Exception as error:
             return self._failed(self._unexpected(error))
         return lambda: self._store.succeed(self._lease, files)
@@ -122,7 +126,17 @@ class Attempt:
         if options.threads is None:
             options = dataclasses.replace(options, threads=self._settings.threads_per_job())
         out = self._artifacts.work(job.id, self._lease.attempt)
-        run = Run(job, options, self._artifacts.input(job.id), out, self._reporter)
+        # The last attempt begins anew: it may be what was kept that ended the others.
+        inherit = self._lease.attempt < self._settings.max_attempts
+        run = Run(
+            job,
+            options,
+            self._artifacts.input(job.id),
+            out,
+            self._reporter,
+            preview=PreviewWriter(self._store, self._artifacts, self._lease),
+            checkpoint=self._artifacts.checkpoint(job.id, self._lease.attempt, inherit=inherit),
+        )
         RUNNERS[job.kind](run)
         return self._artifacts.publish(job.id, self._lease.attempt)
 
@@ -136,7 +150,7 @@ class Attempt:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
             return Problem("storage.full", "there was no room for the result").as_dict()
         incident = secrets.token_hex(4)
-        log.error("incident %s: job %s, attempt %s", incident, *self._name(), exc_info=error)
+        log.error("job %s: attempt %s, incident %s", *self._name(), incident, exc_info=error)
         return Problem("internal", f"incident {incident}: see the worker's log").as_dict()
 
     def _stopped(self) -> Changed:
@@ -163,6 +177,8 @@ class Attempt:
                 time.sleep(0.5)
             else:
                 log.info("job %s: attempt %s ends %s", *self._name(), changed.state)
+                if changed.state in RESULTS:
+                    self._artifacts.forget_checkpoints(self._lease.job_id)
                 return
 
     def _name(self) -> tuple[str, int]:

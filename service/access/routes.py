@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.caller import Caller
 from service.access.dependency import CallerDep
-from service.artifacts.routes import Ply, file_response
+from service.artifacts.routes import Ply, file_response, preview_response
 from service.jobs.model import Job
 from service.jobs.routes import JobId
 from service.jobs.schemas import JobOut, job_out
@@ -84,6 +84,8 @@ def shared_job(token: Token, state: StateDep) -> JobOut:
 def shared_file(token: Token, name: str, request: Request, state: StateDep) -> Response:
     """A file of the job that was shared."""
     job = _shared(state, token)
+    if name == "preview.glb":
+        return preview_response(state, Caller(job.owner), job.id, request)
     return file_response(state, Caller(job.owner), job.id, name, request)
 
 

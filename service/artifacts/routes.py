@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from base64 import b64encode
 from enum import StrEnum
 from typing import Annotated
@@ -128,6 +129,16 @@ def slice_png(
     return file_response(state, caller, job_id, f"slices/{axis}/{index}.png", request)
 
 
+@router.get(
+    "/jobs/{job_id}/preview.glb",
+    response_class=Glb,
+    responses=problems("job.not_found", "job.expired", "artifact.not_found", "job.not_ready"),
+)
+def preview_glb(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
+    """A coarse mesh of what the fit has come to; another one takes its place every few seconds."""
+    return preview_response(state, caller, job_id, request)
+
+
 @router.get("/jobs/{job_id}/result.zip", response_class=Zip, responses=_PROBLEMS)
 def result_zip(job_id: JobId, caller: CallerDep, state: StateDep) -> Zip:
     """All files of the result in one archive."""
@@ -137,6 +148,16 @@ def result_zip(job_id: JobId, caller: CallerDep, state: StateDep) -> Zip:
     }
     name = f'attachment; filename="{job_id[:8]}.zip"'
     return Zip(zip_of(files), headers={"Content-Disposition": name, "Cache-Control": "private"})
+
+
+def preview_response(state: State, caller: Caller, job_id: str, request: Request) -> Response:
+    """The preview as it is now: read at once, since another one may take its place."""
+    glb = state.jobs.preview_of(caller, job_id)
+    tag = f'"{hashlib.sha256(glb).hexdigest()}"'
+    headers = {"Cache-Control": "private, no-cache", "ETag": tag}
+    if tag in request.headers.get("if-none-match", ""):
+        return Response(status_code=304, headers=headers)
+    return Response(glb, headers=headers, media_type=Glb.media_type)
 
 
 def file_response(

@@ -4,6 +4,8 @@
     jobs/{job}/input.{format}     what was uploaded
     jobs/{job}/work-{attempt}/    what an attempt is writing
     jobs/{job}/result-{attempt}/  what it published
+    jobs/{job}/preview-{attempt}.glb  a mesh of what is not finished
+    jobs/{job}/checkpoint-{attempt}   the state of its fit, for the next attempt to go on from
 
 Attempts never share a folder, so that a worker that lost its lease can spoil nothing. Which
 result counts is said by the record.
@@ -120,8 +122,31 @@ class ArtifactStore:
             raise FileNotFoundError(name)
         return path
 
+    def preview(self, job_id: str, attempt: int) -> Path:
+        """Where an attempt keeps the latest mesh of its unfinished fit."""
+        return self._folder(job_id) / f"preview-{attempt}.glb"
+
+    def checkpoint(self, job_id: str, attempt: int, *, inherit: bool = True) -> Path:
+        """Where an attempt keeps the state of its fit; at first that of the attempt before.
+
+        Attempts share no file: one that lost its lease and does not know it yet spoils nothing.
+        """
+        path = self._folder(job_id) / f"checkpoint-{attempt}"
+        if inherit and not path.exists():
+            for older in range(attempt - 1, 0, -1):
+                with suppress(FileNotFoundError):
+                    path.hardlink_to(path.with_name(f"checkpoint-{older}"))
+                    break
+        return path
+
+    def forget_checkpoints(self, job_id: str) -> None:
+        """The job has ended: nobody will go on from where it was."""
+        for path in self._folder(job_id).glob("checkpoint-*"):
+            path.unlink(missing_ok=True)
+
     def discard_work(self, job_id: str, attempt: int) -> None:
         """Remove what an attempt wrote without publishing it."""
+        self.preview(job_id, attempt).unlink(missing_ok=True)
         shutil.rmtree(self._folder(job_id) / f"work-{attempt}", ignore_errors=True)
 
     def keep_only(self, job_id: str, attempt: int) -> None:

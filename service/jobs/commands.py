@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice
@@ -65,17 +67,12 @@ class JobCommands:
 
     def get(self, caller: Caller, job_id: str) -> Job:
         """The job; raises Problem `job.not_found` or `job.expired`."""
-        job = self._store.get(job_id)
-        if job is None or job.owner != caller.owner:
-            raise not_found(job_id)
-        if job.state is JobState.EXPIRED:
-            raise expired(job_id)
-        return job
+        return _shown(self._store.get(job_id), caller, job_id)
 
     def look(self, caller: Caller, job_id: str) -> tuple[Job, int | None]:
         """The job, and the jobs before it."""
-        job = self.get(caller, job_id)
-        return job, self.position(job)
+        job, position = self._store.look(job_id)
+        return _shown(job, caller, job_id), position
 
     def position(self, job: Job) -> int | None:
         """Jobs before this one in the queue."""
@@ -110,6 +107,19 @@ class JobCommands:
             raise Problem("artifact.not_found", f"job {job_id} has no {name}")
         return job
 
+    def preview_of(self, caller: Caller, job_id: str) -> bytes:
+        """The latest mesh of the unfinished fit; raises Problem if there is none."""
+        job = self.get(caller, job_id)
+        try:
+            if job.shown is not None:
+                return self._artifacts.preview(job.id, job.shown.attempt).read_bytes()
+        except FileNotFoundError:
+            pass  # the attempt has ended since
+        if job.ended:
+            raise Problem("artifact.not_found", f"job {job_id} has no preview any more",
+                          advice="Its result is final, if it has one.")  # fmt: skip
+        raise Problem("job.not_ready", f"job {job_id} has no preview yet", retry_after=5)
+
     # Changing
 
     def cancel(self, caller: Caller, job_id: str, *, keep: bool) -> Job:
@@ -127,6 +137,7 @@ class JobCommands:
         else:
             if changed.state is JobState.CANCELLED:
                 self._queue.withdraw(job_id, changed.attempt)
+                self._artifacts.forget_checkpoints(job_id)
         return self.get(caller, job_id)
 
     def delete(self, caller: Caller, job_id: str) -> None:
@@ -138,7 +149,14 @@ class JobCommands:
         self._queue.withdraw(job.id, job.attempt)
         self._artifacts.remove(job.id)
 
-    def retry(self, caller: Caller, job_id: str, changes: Mapping[str, Any], label: str) -> Job:
+    def retry(
+        self,
+        caller: Caller,
+        job_id: str,
+        changes: Mapping[str, Any],
+        label: str,
+        idempotency_key: str = "",
+    ) -> Job:
         """A new job on the same input, with some options changed."""
         parent = self.get(caller, job_id)
         merged = _merged(parent.options, changes)
@@ -157,7 +175,18 @@ class JobCommands:
             self._artifacts.share_input(parent.id, job.id)
         except FileNotFoundError as error:
             raise not_found(job_id) from error
-        return self.accept(job)
+        told = json.dumps(["retry", job_id, dict(changes), label], sort_keys=True)
+        digest = hashlib.sha256(told.encode()).hexdigest()
+        return self.accept(job, idempotency_key=idempotency_key, digest=digest)
+
+    def repeated(self, caller: Caller, idempotency_key: str, digest: str) -> Job | None:
+        """The job that this very request became before; raises Problem if it was another one."""
+        before = self._store.remembered(caller.owner, idempotency_key) if idempotency_key else None
+        if before is None:
+            return None
+        if before[0] != digest:
+            raise _conflict(before[1])
+        return self.get(caller, before[1])
 
     def require_room(self) -> None:
         """Raise Problem `queue.full` or `storage.full` if a new job has no chance."""
@@ -194,19 +223,22 @@ class JobCommands:
         if refusal.reason == "repeated":
             return self.get(Caller(job.owner), refusal.job_id)
         if refusal.reason == "conflict":
-            raise Problem(
-                "idempotency.conflict",
-                f"this Idempotency-Key stands for another request, which became "
-                f"job {refusal.job_id}",
-                where="Idempotency-Key",
-                advice="Use a new key for a new request.",
-            )
+            raise _conflict(refusal.job_id)
         if refusal.reason == "quota":
             raise Problem(
                 "quota.jobs", f"{self._settings.jobs_per_owner} of your jobs have not ended",
                 advice="Wait for one of them, or cancel one.", retry_after=30,
             )  # fmt: skip
         raise _full()
+
+
+def _shown(job: Job | None, caller: Caller, job_id: str) -> Job:
+    """The job as this caller may see it; raises Problem if that is not at all."""
+    if job is None or job.owner != caller.owner:
+        raise not_found(job_id)
+    if job.state is JobState.EXPIRED:
+        raise expired(job_id)
+    return job
 
 
 def _merged(before: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -231,6 +263,15 @@ def no_result(job: Job) -> Problem:
         return Problem("job.no_result", f"job {job.id} is {job.state}",
                        advice=f"GET /jobs/{job.id} says why.")  # fmt: skip
     return Problem("job.not_ready", f"job {job.id} is {job.state}", retry_after=2)
+
+
+def _conflict(job_id: str) -> Problem:
+    return Problem(
+        "idempotency.conflict",
+        f"this Idempotency-Key stands for another request, which became job {job_id}",
+        where="Idempotency-Key",
+        advice="Use a new key for a new request.",
+    )
 
 
 def _full() -> Problem:

@@ -37,6 +37,18 @@ def live_key(owner: str) -> str:
     return LIVE_PREFIX + owner
 
 
+RUNNING_PREFIX = "mpf:jobs:running:"
+
+
+def running_key(owner: str) -> str:
+    """The jobs of one owner that run."""
+    return RUNNING_PREFIX + owner
+
+
+PARKED_KEY = "mpf:jobs:parked"
+"""Queued jobs without an entry in RQ, since their owner runs as many as it may."""
+
+
 def idempotency_key(owner: str, key: str) -> str:
     """What an owner's Idempotency-Key stands for."""
     return f"mpf:idempotency:{owner}:{key}"
@@ -60,6 +72,14 @@ class JobIndex:
         """The job, or None."""
         record = self._redis.hgetall(record_key(job_id))
         return _job(record) if record else None
+
+    def look(self, job_id: str) -> tuple[Job | None, int | None]:
+        """The job and how many queued jobs are before it, in one round trip: polls are many."""
+        with self._redis.pipeline(transaction=False) as pipeline:
+            pipeline.hgetall(record_key(job_id))
+            pipeline.zrank(INDEX_PREFIX + JobState.QUEUED, job_id)
+            record, rank = pipeline.execute()
+        return (_job(record) if record else None), (None if rank is None else int(rank))
 
     def in_state(self, state: JobState) -> list[str]:
         """Ids of the jobs in `state`, the longest there first."""
@@ -114,6 +134,15 @@ class JobIndex:
     def running(self) -> list[Job]:
         """The jobs that run now."""
         return list(self._many(self.in_state(JobState.RUNNING)))
+
+    def running_of(self, owner: str) -> int:
+        """How many jobs of this owner run now."""
+        return int(self._redis.scard(running_key(owner)))
+
+    def parked(self) -> list[Job]:
+        """The jobs that wait for others of their owner, the oldest first."""
+        found = self._many([text_of(job_id) for job_id in self._redis.smembers(PARKED_KEY)])
+        return sorted(found, key=lambda job: job.created_at)
 
     def now(self) -> float:
         """The clock of Redis, s since 1970."""

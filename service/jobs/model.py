@@ -60,6 +60,16 @@ class Artifact:
 
 
 @dataclass(frozen=True)
+class Preview:
+    """The latest mesh of an unfinished fit; `number` counts those of its attempt from 1."""
+
+    attempt: int
+    number: int
+    bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True)
 class Input:
     """What was uploaded."""
 
@@ -83,6 +93,7 @@ class JobProgress:
     iterations: int | None = None
     loss: float | None = None
     losses: Mapping[str, float] = field(default_factory=dict)
+    points_per_second: float | None = None
 
 
 @dataclass(frozen=True)
@@ -101,6 +112,8 @@ class Job:
     options: Mapping[str, Any] = field(default_factory=dict)
     input: Input | None = None
     progress: JobProgress | None = None
+    preview: Preview | None = None
+    """Of the attempt that it names; older ones are gone."""
     problem: Mapping[str, Any] | None = None
     artifacts: Mapping[str, Artifact] = field(default_factory=dict)
     """Files of the result, by their names relative to it."""
@@ -122,6 +135,12 @@ class Job:
     expires_at: int = 0
 
     @property
+    def shown(self) -> Preview | None:
+        """The preview, while it is one of what runs now."""
+        current = self.preview is not None and self.preview.attempt == self.attempt
+        return self.preview if current and self.state is JobState.RUNNING else None
+
+    @property
     def ended(self) -> bool:
         """Whether nothing will change any more (but expiry)."""
         return self.state in ENDED
@@ -132,7 +151,7 @@ def new_job_id() -> str:
     return secrets.token_hex(16)
 
 
-_JSON_FIELDS = {"options", "webhook", "input", "progress", "problem", "artifacts"}
+_JSON_FIELDS = {"options", "webhook", "input", "progress", "preview", "problem", "artifacts"}
 _INT_FIELDS = {
     "attempt", "result_attempt", "beats", "created_at", "updated_at", "queued_at", "started_at",
     "finished_at", "expires_at",
@@ -151,6 +170,8 @@ def job_from_record(record: Mapping[str, str]) -> Job:
         values["input"] = Input(**values["input"])
     if values.get("progress"):
         values["progress"] = JobProgress(**values["progress"])
+    if values.get("preview"):
+        values["preview"] = Preview(**values["preview"])
     files = values.get("artifacts") or {}
     values["artifacts"] = {name: Artifact(**about) for name, about in files.items()}
     return Job(**values)

@@ -6,7 +6,7 @@ import time
 from enum import StrEnum
 from typing import Annotated, Any
 
-from anyio import to_thread
+from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Header, Path, Query, Request, Response
 
 from mpf_core.options import options_schema
@@ -18,6 +18,7 @@ from service.jobs.schemas import JobListOut, JobOut, RetryIn, cursor_from, job_o
 from service.problems import catalogue
 from service.responses import problems
 from service.state import State, StateDep
+from service.uploads.receive import reference_in
 
 router = APIRouter(tags=["jobs"])
 
@@ -40,10 +41,23 @@ class Keep(StrEnum):
 
 _FOUND = problems("job.not_found", "job.expired", "request.invalid")
 
+# Checking and syncing an input takes long; polls must not wait for these threads.
+_SUBMISSIONS = CapacityLimiter(8)
+
 POLL_SECONDS = "2"
 """What Retry-After tells a client that polls."""
 
 _INPUT_CODES = tuple(code for code, kind in catalogue().items() if kind.status in (413, 422))
+
+_WEBHOOK: dict[str, Any] = {
+    "type": "object",
+    "required": ["url", "secret"],
+    "properties": {
+        "url": {"type": "string", "format": "uri"},
+        "secret": {"type": "string", "pattern": "^whsec_"},
+        "events": {"type": "array", "items": {"enum": list(JobState)}},
+    },
+}
 
 _UPLOAD_BODY: dict[str, Any] = {
     "parameters": [
@@ -76,20 +90,28 @@ _UPLOAD_BODY: dict[str, Any] = {
                         },
                         "options": options_schema(),
                         "label": {"type": "string", "maxLength": 200},
-                        "webhook": {
-                            "type": "object",
-                            "required": ["url", "secret"],
-                            "properties": {
-                                "url": {"type": "string", "format": "uri"},
-                                "secret": {"type": "string", "pattern": "^whsec_"},
-                                "events": {"type": "array", "items": {"enum": list(JobState)}},
-                            },
-                        },
+                        "webhook": _WEBHOOK,
                     },
                 },
                 "encoding": {"options": {"contentType": "application/json"}},
             },
             "application/octet-stream": {"schema": {"type": "string"}},
+            "application/json": {
+                "schema": {
+                    "type": "object",
+                    "required": ["upload"],
+                    "additionalProperties": False,
+                    "properties": {
+                        "upload": {
+                            "type": "string",
+                            "description": "A complete upload, as POST /uploads gave it.",
+                        },
+                        "options": options_schema(),
+                        "label": {"type": "string", "maxLength": 200},
+                        "webhook": _WEBHOOK,
+                    },
+                }
+            },
         },
     },
 }
@@ -102,7 +124,10 @@ _UPLOAD_BODY: dict[str, Any] = {
     responses=problems(
         "request.malformed",
         "request.media_type",
+        "upload.not_found",
+        "upload.incomplete",
         *_INPUT_CODES,
+        "quota.jobs",
         "queue.full",
         "storage.full",
         "idempotency.conflict",
@@ -124,8 +149,16 @@ async def submit(
     idempotency_key: IdempotencyKey = "",
 ) -> JobOut:
     """Take a cloud in and queue its reconstruction."""
-    submission = await state.receiver.submission(request)
-    job = await to_thread.run_sync(state.intake.submit, caller, submission, idempotency_key)
+    reference = await reference_in(request)
+    if reference is not None:
+        job = await to_thread.run_sync(
+            state.intake.submit_upload, caller, reference, idempotency_key, limiter=_SUBMISSIONS
+        )
+    else:
+        submission = await state.receiver.submission(request)
+        job = await to_thread.run_sync(
+            state.intake.submit, caller, submission, idempotency_key, limiter=_SUBMISSIONS
+        )
     return await to_thread.run_sync(_accepted, state, job, response)
 
 
@@ -193,6 +226,8 @@ def cancel(
         "job.expired",
         "options.invalid",
         "request.invalid",
+        "idempotency.conflict",
+        "quota.jobs",
         "queue.full",
         "storage.full",
     ),
@@ -203,10 +238,11 @@ def retry(
     caller: CallerDep,
     state: StateDep,
     changes: RetryIn | None = None,
+    idempotency_key: IdempotencyKey = "",
 ) -> JobOut:
     """A new job on the same input, with some options changed."""
     wanted = changes or RetryIn()
-    job = state.jobs.retry(caller, job_id, wanted.options, wanted.label)
+    job = state.jobs.retry(caller, job_id, wanted.options, wanted.label, idempotency_key)
     return _accepted(state, job, response)
 
 

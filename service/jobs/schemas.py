@@ -45,6 +45,9 @@ class ProgressOut(BaseModel):
     iterations: int | None = Field(default=None, description="The cap.")
     loss: float | None = None
     losses: dict[str, float] = Field(default_factory=dict, description="Unweighted terms.")
+    points_per_second: float | None = Field(
+        default=None, description="Samples at which the fit evaluates its field."
+    )
     seconds: float = Field(description="Since this attempt started, s.")
     eta: float | None = Field(default=None, description="Expected time to the end, s.")
 
@@ -122,7 +125,8 @@ def job_out(job: Job, position: int | None) -> JobOut:
             for name, file in job.artifacts.items()
         },
         links={"self": f"/jobs/{job.id}"}
-        | {name: f"/jobs/{job.id}/{name}" for name in ("cancel", "retry", "events")},
+        | {name: f"/jobs/{job.id}/{name}" for name in ("cancel", "retry", "events")}
+        | ({"preview": f"/jobs/{job.id}/preview.glb"} if job.shown else {}),
     )
 
 
@@ -171,6 +175,7 @@ def _progress_out(progress: JobProgress | None) -> ProgressOut | None:
         iterations=progress.iterations,
         loss=progress.loss,
         losses=dict(progress.losses),
+        points_per_second=progress.points_per_second,
         seconds=progress.seconds,
         eta=progress.eta,
     )

@@ -44,7 +44,8 @@ return {'ok', ARGV[1]}
 # ARGV: id, expected fields (JSON), states it may be in (",a,b,"), new state ("": stays),
 #       fields (JSON), stamp field ("": none), 1 if the attempt number grows, event name ("": none),
 #       event data, index prefix, feed channel, events kept, retention ms (0: not an end),
-#       prefix of the owners' live jobs, key of the counts, key of webhooks that are due
+#       prefix of the owners' live jobs, key of the counts, key of webhooks that are due,
+#       prefix of the owners' running jobs, cap on these (0: none), key of the parked jobs
 CHANGE = """
 local state = redis.call('HGET', KEYS[1], 'state')
 if not state then return {'missing'} end
@@ -52,6 +53,12 @@ for name, value in pairs(cjson.decode(ARGV[2])) do
   if (redis.call('HGET', KEYS[1], name) or '') ~= value then return {'fenced', state, name} end
 end
 if not string.find(ARGV[3], ',' .. state .. ',', 1, true) then return {'illegal', state} end
+local running = ARGV[17] .. (redis.call('HGET', KEYS[1], 'owner') or '')
+local most = tonumber(ARGV[18])
+if ARGV[4] == 'running' and most > 0 and redis.call('SCARD', running) >= most then
+  redis.call('SADD', ARGV[19], ARGV[1])
+  return {'waiting', state}
+end
 local t = redis.call('TIME')
 local ms = t[1] * 1000 + math.floor(t[2] / 1000)
 local now = string.format('%d', ms)
@@ -63,6 +70,7 @@ if ARGV[4] ~= '' and ARGV[4] ~= state then
   redis.call('HSET', KEYS[1], 'state', ARGV[4])
   redis.call('ZREM', ARGV[10] .. state, ARGV[1])
   redis.call('ZADD', ARGV[10] .. ARGV[4], now, ARGV[1])
+  redis.call(ARGV[4] == 'running' and 'SADD' or 'SREM', running, ARGV[1])
   state = ARGV[4]
 end
 if ARGV[13] ~= '0' then
@@ -97,7 +105,8 @@ redis.call('HINCRBY', KEYS[1], 'beats', 1)
 return {'ok', redis.call('HGET', KEYS[1], 'cancel') or ''}
 """
 
-# KEYS[3] owner's index, KEYS[4] owner's live jobs, KEYS[5] log of webhooks
+# KEYS[3] owner's index, KEYS[4] owner's live jobs, KEYS[5] log of webhooks,
+# KEYS[6] owner's running jobs, KEYS[7] parked jobs
 # ARGV: id, index prefix, feed channel
 REMOVE = """
 if redis.call('EXISTS', KEYS[1]) == 0 then return {'missing'} end
@@ -105,6 +114,8 @@ for _, state in ipairs({'queued', 'running', 'succeeded', 'failed', 'cancelled',
                         'ended'}) do redis.call('ZREM', ARGV[2] .. state, ARGV[1]) end
 redis.call('ZREM', KEYS[3], ARGV[1])
 redis.call('ZREM', KEYS[4], ARGV[1])
+redis.call('SREM', KEYS[6], ARGV[1])
+redis.call('SREM', KEYS[7], ARGV[1])
 redis.call('DEL', KEYS[1], KEYS[2], KEYS[5])
 redis.call('PUBLISH', ARGV[3], ARGV[1] .. ' removed')
 return {'ok'}

@@ -19,11 +19,14 @@ from service.jobs.index_store import (
     COUNTS_KEY,
     INDEX_PREFIX,
     LIVE_PREFIX,
+    PARKED_KEY,
+    RUNNING_PREFIX,
     JobIndex,
     idempotency_key,
     live_key,
     owner_key,
     record_key,
+    running_key,
     text_of,
 )
 from service.jobs.lease import Changed, Lease, Refused
@@ -34,6 +37,7 @@ from service.jobs.model import (
     Job,
     JobProgress,
     JobState,
+    Preview,
     as_field,
     origins,
 )
@@ -72,7 +76,7 @@ class JobStore(JobIndex):
         self._renew = redis.register_script(RENEW)
         self._remove = redis.register_script(REMOVE)
 
-    def look(self, lease: Lease) -> tuple[bool, str]:
+    def heed(self, lease: Lease) -> tuple[bool, str]:
         """Whether `lease` is still the one that counts, and the cancel flag."""
         found = self._redis.hmget(record_key(lease.job_id), ["state", "lease", "cancel"])
         state, token, cancel = (text_of(value or b"") for value in found)
@@ -100,13 +104,23 @@ class JobStore(JobIndex):
             client=pipeline,
         )  # fmt: skip
 
-    def start(self, lease: Lease) -> Job:
-        """`queued → running` under `lease`; refused unless this very attempt is waiting."""
+    def remembered(self, owner: str, key: str) -> tuple[str, str] | None:
+        """What an Idempotency-Key of this owner stands for: the request's digest, and its job."""
+        digest, job_id = self._redis.hmget(idempotency_key(owner, key), ["digest", "job"])
+        return None if digest is None else (text_of(digest), text_of(job_id))
+
+    def start(self, lease: Lease, most: int = 0) -> Job:
+        """`queued → running` under `lease`; refused unless this very attempt is waiting.
+
+        most: jobs of its owner that may run at the same time, 0: any number. A job beyond them is
+        refused as `waiting`, and parked.
+        """
         self._apply(
             lease.job_id,
             JobState.RUNNING,
             expect={"attempt": str(lease.attempt)},
             fields={"lease": lease.token(), "beats": 0},
+            most=most,
         )
         job = self.get(lease.job_id)
         if job is None:
@@ -121,11 +135,13 @@ class JobStore(JobIndex):
             allowed=frozenset({JobState.RUNNING}), event="progress", data=told,
         )  # fmt: skip
 
-    def announce(self, lease: Lease, event: str, data: Mapping[str, Any]) -> Changed:
-        """Tell the job's listeners something that is not in the record."""
+    def preview(self, lease: Lease, preview: Preview) -> Changed:
+        """Tell of a mesh of the unfinished fit, which is in the artefact store."""
+        told = asdict(preview)
         return self._apply(
-            lease.job_id, None, expect={"lease": lease.token()}, fields={},
-            allowed=frozenset({JobState.RUNNING}), event=event, data=data,
+            lease.job_id, None, expect={"lease": lease.token()}, fields={"preview": told},
+            allowed=frozenset({JobState.RUNNING}), event="preview",
+            data=told | {"href": f"/jobs/{lease.job_id}/preview.glb"},
         )  # fmt: skip
 
     def renew(self, lease: Lease) -> tuple[bool, str]:
@@ -190,6 +206,14 @@ class JobStore(JobIndex):
         fields = {"problem": dict(problem), "artifacts": {}, "result_attempt": 0}
         return self._apply(job_id, JobState.EXPIRED, expect={}, fields=fields)
 
+    def park(self, job_id: str) -> None:
+        """Let a queued job wait for others of its owner, without an entry in RQ."""
+        self._redis.sadd(PARKED_KEY, job_id)
+
+    def unpark(self, job_id: str) -> bool:
+        """Whether this call, and none before, took the job out again."""
+        return bool(self._redis.srem(PARKED_KEY, job_id))
+
     def remove(self, job: Job) -> bool:
         """Forget the job altogether. Says whether there was one."""
         reply = self._remove(
@@ -199,6 +223,8 @@ class JobStore(JobIndex):
                 owner_key(job.owner),
                 live_key(job.owner),
                 log_key(job.id),
+                running_key(job.owner),
+                PARKED_KEY,
             ],
             args=[job.id, INDEX_PREFIX, FEED_CHANNEL],
         )
@@ -226,6 +252,7 @@ class JobStore(JobIndex):
         fields: Mapping[str, Any],
         allowed: frozenset[JobState] | None = None,
         next_attempt: bool = False,
+        most: int = 0,
         event: str = "",
         data: Mapping[str, Any] | None = None,
     ) -> Changed:
@@ -240,6 +267,9 @@ class JobStore(JobIndex):
             self._retention_ms if target in RESULTS else 0, LIVE_PREFIX,
             COUNTS_KEY,
             DUE_KEY,
+            RUNNING_PREFIX,
+            most,
+            PARKED_KEY,
         ]  # fmt: skip
         reply = self._change(keys=[record_key(job_id), stream_key(job_id)], args=args)
         verdict, *rest = [text_of(part) for part in reply]

@@ -20,8 +20,17 @@ class Limits(BaseModel):
     points_most: int
     queued_jobs: int
     jobs_per_owner: int = Field(description="Queued and running; 0: no limit.")
+    running_per_owner: int = Field(description="The others wait; 0: no limit.")
     job_seconds: float
     retention_seconds: float = Field(description="For which an ended job keeps its files, s.")
+
+
+class Uploads(BaseModel):
+    """How inputs may arrive in pieces."""
+
+    tus: str = Field(description="Version of the protocol.")
+    href: str
+    seconds: float = Field(description="For which an interrupted upload waits, s.")
 
 
 class CodeOut(BaseModel):
@@ -36,6 +45,7 @@ class Capabilities(BaseModel):
 
     formats: list[str]
     limits: Limits
+    uploads: Uploads
     presets: dict[str, dict[str, Any]]
     options: dict[str, Any] = Field(description="JSON Schema of `options`.")
     problems: dict[str, CodeOut]
@@ -51,9 +61,11 @@ def capabilities(settings: Settings) -> Capabilities:
             points_most=settings.max_points,
             queued_jobs=settings.queue_length,
             jobs_per_owner=settings.jobs_per_owner,
+            running_per_owner=settings.running_per_owner,
             job_seconds=settings.job_seconds,
             retention_seconds=settings.retention_seconds,
         ),
+        uploads=Uploads(tus="1.0.0", href="/uploads", seconds=settings.resumable_seconds),
         presets={name: options_to_mapping(preset) for name, preset in PRESETS.items()},
         options=options_schema(),
         problems={

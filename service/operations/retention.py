@@ -13,6 +13,7 @@ from service.jobs.model import JobState
 from service.jobs.store import JobStore
 from service.problems import Problem
 from service.settings import Settings
+from service.uploads.resumable import ResumableStore
 
 log = logging.getLogger("mpf.retention")
 
@@ -64,13 +65,16 @@ class Retention:
         self._store = store
         self._artifacts = artifacts
         self._settings = settings
+        self._resumable = ResumableStore(settings.data_dir, settings)
         self._wall = wall
         # The ages of records are by the clock of Redis, which runs where the jobs were stamped.
-        self._watch = ClockWatch(store.now, steady)
+        # Those of files are by ours; either may jump.
+        self._watches = (ClockWatch(store.now, steady), ClockWatch(wall, steady))
 
     def round(self) -> None:
         """Expire what is due, make room if the disk is nearly full, remove what is nobody's."""
-        if not self._watch.calm():
+        calm = [watch.calm() for watch in self._watches]
+        if not all(calm):
             return
         for job_id in self._store.due(BATCH):
             self._expire(job_id, "its time was over")
@@ -103,6 +107,8 @@ class Retention:
             self._store.remove(job)
 
     def _remove_orphans(self) -> None:
+        for upload_id in self._resumable.remove_lapsed(self._wall()):
+            log.info("upload %s: nothing more came, removed", upload_id)
         for path in self._artifacts.uploads():
             with suppress(FileNotFoundError):
                 if self._wall() - path.stat().st_mtime > self._settings.orphan_seconds:
@@ -113,4 +119,4 @@ class Retention:
                 age = self._artifacts.folder_age(job_id, self._wall())
                 if age > self._settings.orphan_seconds and self._store.get(job_id) is None:
                     self._artifacts.remove(job_id)
-                    log.info("files of %s: no such job, removed", job_id)
+                    log.info("job %s: no such job, its files are removed", job_id)

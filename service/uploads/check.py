@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import resource
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from service.uploads.sink import Stored
 log = logging.getLogger("mpf.api")
 
 MEMORY_BYTES = 4 * 2**30
+NICENESS = 5  # whoever polls goes first, whoever fits comes later
 
 # Two at a time: the cores belong to the fits.
 _turn = threading.BoundedSemaphore(2)
@@ -80,6 +82,7 @@ def _problem(verdict: dict[str, Any]) -> Problem:
 def main(what: str, path: str, max_points: str, max_bytes: str) -> None:
     """In the child: read, judge, print."""
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
+    os.nice(NICENESS)
     from mpf_core.cloud.inspection import inspect_cloud
     from mpf_core.cloud.limits import Limits
     from mpf_core.errors import InputError

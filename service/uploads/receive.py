@@ -59,6 +59,37 @@ class Submission:
         return label
 
 
+@dataclass(frozen=True)
+class Reference:
+    """A job of an upload that is here already; `fields` as a form would have them."""
+
+    upload: str
+    fields: dict[str, str]
+
+
+async def reference_in(request: Request) -> Reference | None:
+    """The upload that a JSON body speaks of, or None for other bodies; raises Problem."""
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if kind != "application/json":
+        return None
+    text = await _text_of("body", request.stream())
+    try:
+        given = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise Problem("request.malformed", "the body is not JSON") from error
+    upload = given.get("upload") if isinstance(given, dict) else None
+    if not isinstance(upload, str) or not set(given) <= {"upload", *FIELDS}:
+        raise Problem(
+            "request.invalid", "the body is not an object with `upload`", where="upload",
+            advice='Send {"upload": "/uploads/…", "options": {…}}.',
+        )  # fmt: skip
+    fields = {name: given[name] for name in FIELDS if name in given}
+    if not isinstance(fields.get("label", ""), str):
+        raise Problem("request.invalid", "the label is not a text", where="label")
+    told = {n: v if isinstance(v, str) else json.dumps(v) for n, v in fields.items()}
+    return Reference(upload.removeprefix("/uploads/"), told)
+
+
 def parse_options(text: str) -> dict[str, Any]:
     """A JSON object of options; an empty text means none."""
     if not text.strip():

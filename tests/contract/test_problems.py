@@ -89,7 +89,9 @@ def test_bad_options(client: TestClient, options: str, where: str) -> None:
 
 
 def test_bad_forms(client: TestClient) -> None:
-    problem(client.post("/jobs", json={}), 415, "request.media_type")
+    problem(client.post("/jobs", json={}), 422, "request.invalid")
+    xml = {"content-type": "text/xml"}
+    problem(client.post("/jobs", content=b"", headers=xml), 415, "request.media_type")
     problem(client.post("/jobs", files={"cloud": b"x"}), 422, "request.invalid")
     broken = {"content-type": "multipart/form-data; boundary=b"}
     problem(client.post("/jobs", content=b"--b\r\nno", headers=broken), 400, "request.malformed")

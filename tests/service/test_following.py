@@ -87,3 +87,39 @@ def test_events_come_as_they_happen_and_resume_at_another_replica(
         assert '"state":"succeeded"' in after
     bad = httpx2.get(f"{api}/jobs/{job_id}/events", headers={"Last-Event-ID": "x"}, timeout=20)
     assert bad.status_code == 422
+
+
+def test_previews_are_announced_replaced_and_gone_when_the_job_has_ended(
+    api: str, settings: Settings
+) -> None:
+    job_id = submit(api, "show-3.xyz")
+    url = f"{api}/jobs/{job_id}/preview.glb"
+    assert httpx2.get(url, timeout=20).json()["code"] == "job.not_ready"
+    with running_worker(settings), httpx2.Client(timeout=30) as client:
+        share = client.post(f"{api}/jobs/{job_id}/shares").json()["href"]
+        meshes: dict[str, bytes] = {}
+        told = []
+        with client.stream("GET", f"{api}/jobs/{job_id}/events") as answer:
+            for _, name, data in events_of(answer):
+                if name != "preview":
+                    continue
+                told.append(data["number"])
+                found = httpx2.get(f"{api}{data['href']}", timeout=20)
+                if found.status_code == 200:
+                    meshes[found.headers["etag"]] = found.content
+                    shown = httpx2.get(f"{api}/jobs/{job_id}", timeout=20).json()
+                    assert shown["state"] != "running" or shown["links"]["preview"]
+                if len(meshes) == 3:
+                    break
+        again = {"If-None-Match": client.get(url).headers["etag"]}
+        assert client.get(url, headers=again).status_code in (200, 304)
+        assert client.get(f"{api}{share}/preview.glb").content.startswith(b"glTF")
+        job = client.get(f"{api}/jobs/{job_id}?wait=30").json()
+    assert told == sorted(set(told))
+    assert len(set(meshes.values())) == 3
+    assert all(mesh.startswith(b"glTF") for mesh in meshes.values())
+    assert job["state"] == "succeeded"
+    assert "preview" not in job["links"]
+    assert "preview.glb" not in job["artifacts"]
+    assert httpx2.get(url, timeout=20).json()["code"] == "artifact.not_found"
+    assert not list((settings.data_dir / "jobs" / job_id).glob("preview*"))

@@ -85,3 +85,9 @@ def test_retry_uses_the_input_again_with_other_options(
     bad = client.post(f"/jobs/{second['id']}/retry", json={"options": {"resolution": 1}})
     assert bad.json()["code"] == "options.invalid"
     assert client.post(f"/jobs/{second['id']}/retry").status_code == 202
+    key = {"Idempotency-Key": "again"}
+    third, same = (client.post(f"/jobs/{second['id']}/retry", headers=key) for _ in range(2))
+    assert third.json()["id"] == same.json()["id"]
+    other = client.post(f"/jobs/{second['id']}/retry", headers=key, json={"label": "x"})
+    assert (other.status_code, other.json()["code"]) == (409, "idempotency.conflict")
+    assert len(list((settings.data_dir / "jobs").iterdir())) == 3

@@ -19,7 +19,7 @@ import pytest
 from tests.processes import alive, children_of
 from tests.services import REPOSITORY, form, stop, wait_for
 
-SERVING = re.compile(r"serving on (http://\S+)")
+SERVING = re.compile(r'serving on (http://[^\s"]+)')
 
 
 class Serving:

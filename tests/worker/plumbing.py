@@ -2,10 +2,13 @@
 
 ok        write a result
 long-30   work for up to 30 s, then write a result
+show-30   the same, with previews
 line      raise Collinear
 die-2     kill the own process in attempts 1 to 2
 stubborn  do not listen to cancel
 hungry    allocate without end
+deaf      work for 60 s without hearing alarms, as native code may
+fill      write a result of 50 MB
 """
 
 from __future__ import annotations
@@ -28,6 +31,11 @@ class PlumbingWorker(MpfWorker):
     job_module = "tests.worker.plumbing_job"
 
 
+def word_of(run: tasks.Run) -> str:
+    assert run.job.input is not None
+    return Path(run.job.input.name).stem.partition("-")[0]
+
+
 def runner(run: tasks.Run) -> None:
     assert run.job.input is not None
     word, _, number = Path(run.job.input.name).stem.partition("-")
@@ -37,7 +45,12 @@ def runner(run: tasks.Run) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
     if word == "hungry":
         _eat()
-    if word in ("long", "stubborn", "burn"):
+    if word == "deaf":
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
+        time.sleep(60)
+    if word == "fill":
+        (run.out / "mesh.glb").write_bytes(bytes(50_000_000))
+    if word in ("long", "show", "stubborn", "burn"):
         _work(run, float(number or 60), heed=word != "stubborn", pause=0.02 * (word != "burn"))
     _write(run.out, run.job.attempt)
 
@@ -48,6 +61,8 @@ def _work(run: tasks.Run, seconds: float, *, heed: bool, pause: float) -> None:
         run.reporter.progress(
             Progress("fit", passed / seconds, passed, iteration=int(passed * 100), loss=1.0)
         )
+        if word_of(run) == "show":
+            run.preview(b"glTF" + int(passed * 10).to_bytes(4, "big"))
         if heed and run.reporter.cancel():
             raise Cancelled("stopped")
         time.sleep(pause)
