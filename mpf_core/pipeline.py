@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ from mpf_core.fit.sampler import paper_pools, warm_pools
 from mpf_core.fit.trainer import FitLog, fit_field
 from mpf_core.options import Options
 from mpf_core.parallel import workers
+from mpf_core.preview import Previews, coarse_mesh
 from mpf_core.progress import CancelCheck, ProgressCallback
 from mpf_core.quality.report import input_report, run_report, surface_report
 from mpf_core.surface.extraction import extract_mesh
@@ -111,18 +113,24 @@ def _reconstructed(
     else:
         pools = paper_pools(neighbours, rng, threads=threads)
 
+    box = np.stack([neighbours.points.min(0) - PADDING, neighbours.points.max(0) + PADDING])
+    painted = None if cloud.colors is None else (input_tree, cloud.colors)
+    previews: Previews | None = None
+    if watch.preview is not None:
+        draw = partial(coarse_mesh, neighbours, box, similarity, painted, watch.cancel)
+        previews = Previews(draw, watch.preview, watch.clock)
+
     watch.enter("fit")
     field, log = fit_field(
         pools,
         options.fit,
-        watch.control((1 - EXTRACTION_SHARE) * options.fit.time_budget),
+        watch.control((1 - EXTRACTION_SHARE) * options.fit.time_budget, previews),
         seed=options.seed,
         reliability=neighbours.normal_reliability,
         threads=threads,
     )
 
     watch.enter("extract")
-    low, high = neighbours.points.min(0) - PADDING, neighbours.points.max(0) + PADDING
     footprint = Footprint.of(
         samples,
         spacing=spacing,
@@ -130,8 +138,7 @@ def _reconstructed(
         thickness=shell_of(start),
         colors=cloud.colors,
     )
-    fitted = FittedField(field, similarity, np.stack([low, high]), footprint)
-    painted = None if cloud.colors is None else (input_tree, cloud.colors)
+    fitted = FittedField(field, similarity, box, footprint)
     taken = extract_mesh(fitted, options.surface, painted=painted, cancel=watch.cancel)
 
     watch.enter("report")
@@ -143,7 +150,7 @@ def _reconstructed(
             "denoised": cleaned.points is not samples,
         },
         "frame": {"center": similarity.center.tolist(), "scale": similarity.scale},
-        "fit": _fit_report(neighbours, start, log),
+        "fit": _fit_report(neighbours, start, log, previews),
         "extraction": taken.report,
         "surface": surface_report(taken.mesh, cloud.points),
     }
@@ -153,7 +160,10 @@ def _reconstructed(
 
 
 def _fit_report(
-    neighbours: Neighborhoods, start: Initialization | None, log: FitLog
+    neighbours: Neighborhoods,
+    start: Initialization | None,
+    log: FitLog,
+    previews: Previews | None,
 ) -> dict[str, Any]:
     last = log.history[-1] if log.history else None
     return {
@@ -164,6 +174,7 @@ def _fit_report(
         "iterations_per_second": round(log.iterations / max(log.seconds, 1e-9), 3),
         "kept_iteration": log.kept,
         "resumed_from": log.resumed_from,
+        "preview_seconds": None if previews is None else round(previews.seconds, 3),
         "retries": log.retries,
         "notes": log.notes,
         "normal_term": log.normal_term,

@@ -13,7 +13,7 @@ from mpf_core.field.fitted import field_of
 from mpf_core.files import write_atomically
 from mpf_core.options import Options
 from mpf_core.pipeline import Reconstruction, reconstruct_cloud
-from mpf_core.progress import CancelCheck, ProgressCallback
+from mpf_core.progress import CancelCheck, PreviewCallback, ProgressCallback
 from mpf_core.surface.export import write_glb, write_ply
 from mpf_core.surface.slices import write_slices
 from mpf_core.watch import Clock, Watch
@@ -28,6 +28,7 @@ def reconstruct_file(
     stop: CancelCheck | None = None,
     cancel: CancelCheck | None = None,
     checkpoint: Path | None = None,
+    preview: PreviewCallback | None = None,
     clock: Clock = time.monotonic,
 ) -> dict[str, Any]:
     """Read a cloud and write mesh.glb, mesh.ply, field.safetensors, slices/{axis}/{index}.png and
@@ -37,9 +38,10 @@ def reconstruct_file(
     The state of the fit is kept in the file `checkpoint` every 15 s, and taken from it at first
     where it holds one of the same cloud, options and threads: the result is then the same as
     without the interruption. A file that cannot be used is told of in the report.
+    `preview` gets a coarse mesh of the unfinished field as GLB every few seconds.
     Returns the report. Raises InputError, FitError, SurfaceError, Cancelled.
     """
-    watch = Watch(clock, progress, cancel, stop=stop, checkpoint=checkpoint)
+    watch = Watch(clock, progress, cancel, stop=stop, checkpoint=checkpoint, preview=preview)
     watch.enter("read")
     cloud = read_cloud(cloud_path)
     result = reconstruct_cloud(cloud, options, watch)

@@ -6,10 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from mpf_core.errors import Cancelled
+from mpf_core.field import MetricPhaseField
 from mpf_core.fit.trainer import Control, StepReport
-from mpf_core.progress import CancelCheck, Progress, ProgressCallback
+from mpf_core.progress import CancelCheck, PreviewCallback, Progress, ProgressCallback
 
 Clock = Callable[[], float]
+Snapshot = Callable[[MetricPhaseField], None]
 
 # Share of the whole job that is done when each stage begins.
 BEGINS = {"read": 0.0, "prepare": 0.01, "initialize": 0.03, "fit": 0.08, "extract": 0.85}
@@ -27,11 +29,14 @@ class Watch:
         begin: float | None = None,
         stop: CancelCheck | None = None,
         checkpoint: Path | None = None,
+        preview: PreviewCallback | None = None,
     ):
+        self.preview = preview
         self.checkpoint = checkpoint
         self.clock, self.progress, self.cancel, self.stop = clock, progress, cancel, stop
         self.begin = clock() if begin is None else begin
         self.stage, self.since = "", self.begin
+        self.last_step: StepReport | None = None
         self.seconds: dict[str, float] = {}
 
     def enter(self, stage: str) -> None:
@@ -52,7 +57,7 @@ class Watch:
         if self.cancel is not None and self.cancel():
             raise Cancelled("the reconstruction was cancelled", where=self.stage)
 
-    def control(self, seconds: float) -> Control:
+    def control(self, seconds: float, snapshot: Snapshot | None = None) -> Control:
         """What the fit needs of it, with a deadline so many seconds after the beginning."""
         return Control(
             self.clock,
@@ -60,6 +65,7 @@ class Watch:
             report=self.on_step,
             stop=self.stop,
             cancel=self.cancel,
+            snapshot=snapshot,
             checkpoint=self.checkpoint,
         )
 
@@ -71,6 +77,22 @@ class Watch:
         eta = step.seconds / step.iteration * (step.planned - step.iteration)
         self.tell(
             Progress(
-                "fit", fraction, seconds, eta, step.iteration, step.planned, step.loss, step.losses
+                "fit",
+                fraction,
+                seconds,
+                eta,
+                step.iteration,
+                step.planned,
+                step.loss,
+                step.losses,
+                self._points_per_second(step),
             )
         )
+        self.last_step = step
+
+    def _points_per_second(self, step: StepReport) -> float | None:
+        """Since the report before, if there was one."""
+        last = self.last_step
+        if last is None or step.seconds <= last.seconds:
+            return None
+        return (step.points - last.points) / (step.seconds - last.seconds)

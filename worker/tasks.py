@@ -66,6 +66,8 @@ def fit(run: Run) -> None:
         progress=run.reporter.progress,
         stop=run.reporter.stop,
         cancel=run.reporter.cancel,
+        checkpoint=run.checkpoint,
+        preview=run.preview,
     )
 
 

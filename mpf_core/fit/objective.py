@@ -60,6 +60,15 @@ class Objective:
             terms["lap"] = losses.laplacian_loss(self.field(x, Order.LAPLACIAN).phi)
         return terms
 
+    def points(self, stage: Stage) -> int:
+        """At how many points `terms` evaluates the field."""
+        options = self.options
+        points = options.start_points if stage.regression > 0 or not stage.terms else 0
+        if stage.terms:
+            points += options.surface_points + options.near_points + options.far_points
+            points += options.laplacian_points if options.weight_lap else 0
+        return points
+
     def total(self, terms: dict[str, Tensor], stage: Stage) -> Float[Tensor, ""]:
         """The weighted sum (the paper's objective, plus the regression while it lasts)."""
         weights = {**loss_weights(self.options), "regression": stage.regression}

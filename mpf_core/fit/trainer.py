@@ -40,13 +40,17 @@ Values = dict[str, float]
 
 @dataclass(frozen=True)
 class StepReport:
-    """Where the fit stands after one iteration; `losses` are the unweighted terms."""
+    """Where the fit stands after one iteration.
+
+    `losses` are the unweighted terms; `points` counts the samples evaluated by this run.
+    """
 
     iteration: int
     planned: int
     seconds: float
     loss: float
     losses: Values
+    points: int = 0
 
 
 @dataclass
@@ -136,7 +140,7 @@ class Trainer:
         self.schedule = Schedule(options, log.normal_term)
         self.examination = self.objective.examination(seed)
         self.iteration, self.planned, self.settled = 0, options.max_iterations, False
-        self.slowdown, self.seconds_before = 1.0, 0.0
+        self.slowdown, self.seconds_before, self.points = 1.0, 0.0, 0
         self.best: tuple[float, int, dict[str, Tensor]] | None = None
 
     def run(self, control: Control) -> None:
@@ -148,7 +152,11 @@ class Trainer:
         while True:
             now = control.clock()
             self._plan(costs, now - begin, control.deadline - begin)
-            ended = self._ended(control, now)
+            try:
+                ended = self._ended(control, now)
+            except Cancelled:  # perhaps to go on elsewhere
+                self._keep(control, begin)
+                raise
             if ended is not None:
                 break
             terms, stage = self.step()
@@ -161,7 +169,7 @@ class Trainer:
                 if self.iteration % JUDGE_EVERY == 0 or self.iteration == self.planned:
                     good = self.state()
                     self._judge()
-            if control.checkpoint is not None and control.clock() - kept_at > KEEP_EVERY:
+            if control.clock() - kept_at > KEEP_EVERY:
                 self._keep(control, begin)
                 kept_at = control.clock()
         self._finish(ended, control.clock() - begin)
@@ -175,6 +183,7 @@ class Trainer:
         rate = self.slowdown * self.schedule.rate(self.iteration, self.planned)
         self.optimizer.step(rate)
         self.iteration += 1
+        self.points += self.objective.points(stage)
         return terms, stage
 
     def state(self) -> State:
@@ -283,7 +292,7 @@ class Trainer:
             loss = float(self.objective.total(terms, stage))
         values = {name: float(term.detach()) for name, term in terms.items()}
         seconds += self.seconds_before
-        return StepReport(self.iteration, self.planned, seconds, loss, values)
+        return StepReport(self.iteration, self.planned, seconds, loss, values, self.points)
 
     def _diverged(self, entry: StepReport) -> bool:
         """Not finite, or far above what the same terms came to lately."""
@@ -337,11 +346,15 @@ class Trainer:
             self.log.resumed_from = self.iteration
 
     def _keep(self, control: Control, begin: float) -> None:
-        assert control.checkpoint is not None
+        if control.checkpoint is None:
+            return
         state = self.state()
         seconds = self.seconds_before + control.clock() - begin
         state = replace(state, facts={**state.facts, "seconds": seconds})
-        write_state(control.checkpoint, state, self.name)
+        try:
+            write_state(control.checkpoint, state, self.name)
+        except OSError as error:
+            self.log.notes.append(f"iteration {self.iteration} could not be kept: {error.strerror}")
 
     def _finish(self, ended: str, seconds: float) -> None:
         log = self.log

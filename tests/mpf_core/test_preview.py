@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import io
 from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
+from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.errors import NoSurface
 from mpf_core.field import MetricPhaseField
+from mpf_core.options import options_from
+from mpf_core.pipeline import reconstruct_cloud
 from mpf_core.preview import PAUSE, SHARE, Previews
 from mpf_core.surface.mesh import Mesh
+from mpf_core.watch import Watch
+from tests.mpf_core.clouds import sphere
 
 FIELD: Any = None  # what is not drawn is not looked at
 
@@ -63,3 +70,22 @@ def test_a_field_without_a_surface_is_passed_over() -> None:
     for _ in range(100):
         previews(FIELD)
     assert tries > 1
+
+
+def test_a_fit_shows_meshes_in_the_frame_of_its_input() -> None:
+    options = options_from(
+        {"width": 32, "omega": 5.0, "max_iterations": 100, "resolution": 24, "threads": 1,
+         "surface_points": 128, "near_points": 128, "far_points": 128, "start_points": 1024,
+         "time_budget": 604_800.0}
+    )  # fmt: skip
+    shown: list[bytes] = []
+    # Every look at this clock is half a second: a preview is due at each report.
+    watch = Watch(Clock(0.5), None, None, preview=shown.append)
+    cloud = PointCloud(sphere(400, 3.0) + np.array([5.0, 0, 0]), None, None)
+    result = reconstruct_cloud(cloud, options, watch)
+    assert shown
+    mesh: Any = trimesh.load_mesh(io.BytesIO(shown[-1]), file_type="glb", process=False)
+    if isinstance(mesh, trimesh.Scene):
+        mesh = mesh.to_geometry()
+    assert np.abs(mesh.bounds.mean(0) - [5.0, 0, 0]).max() < 1.0
+    assert result.report["fit"]["preview_seconds"] > 0
