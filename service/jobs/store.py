@@ -119,7 +119,8 @@ class JobStore(JobIndex):
             lease.job_id,
             JobState.RUNNING,
             expect={"attempt": str(lease.attempt)},
-            fields={"lease": lease.token(), "beats": 0},
+            # What an attempt before told of itself is not true of this one.
+            fields={"lease": lease.token(), "beats": 0, "progress": None, "preview": None},
             most=most,
         )
         job = self.get(lease.job_id)
