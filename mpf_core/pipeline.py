@@ -32,7 +32,7 @@ from mpf_core.cloud.prepare import PrepareOptions, prepare
 from mpf_core.field.fitted import FittedField
 from mpf_core.field.footprint import Footprint
 from mpf_core.fit.initialize import Initialization, initialize
-from mpf_core.fit.sampler import paper_pools, warm_pools
+from mpf_core.fit.sampler import paper_pools, pool_size, warm_pools
 from mpf_core.fit.trainer import FitLog, fit_field
 from mpf_core.options import Options
 from mpf_core.parallel import workers
@@ -109,7 +109,7 @@ def _reconstructed(
     if options.fit.warm_start:
         start = initialize(neighbours, threads=threads)
         watch.check()
-        pools = warm_pools(cleaned.points, neighbours, start, rng)
+        pools = warm_pools(cleaned.points, neighbours, start, rng, size=pool_size(options.fit))
     else:
         pools = paper_pools(neighbours, rng, threads=threads)
 

@@ -73,7 +73,7 @@ def _write(name: str, output: Path, points: int | None, seed: int, truth: Path |
         click.echo(f"{truth}: its exact surface", err=True)
 
 
-EXPERIMENTS = ("thickness", "shapes", "noise")
+EXPERIMENTS = ("thickness", "shapes", "noise", "presets")
 
 
 @click.command()
@@ -85,6 +85,16 @@ EXPERIMENTS = ("thickness", "shapes", "noise")
 @click.option("--seeds", type=click.IntRange(1, 20), default=1, show_default=True)
 @click.option("--preset", help="Options to start from, as for mpf reconstruct.")
 @click.option("--only", help="Only trials whose label holds this text.")
+@click.option(
+    "--meshes",
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    help="Folder with the bodies that presets names.",
+)
+@click.option(
+    "--clouds",
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    help="Folder with the scans that presets names.",
+)
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Where all goes.")
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
 def experiment(
@@ -94,6 +104,8 @@ def experiment(
     seeds: int,
     preset: str | None,
     only: str | None,
+    meshes: Path | None,
+    clouds: Path | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -106,7 +118,9 @@ def experiment(
     from mpf_core.surface.drawing import png_bytes
 
     directory = out or Path("out") / "experiments" / (f"{name}-quick" if quick else name)
-    wanted = suite.trials(name, quick=quick, seeds=seeds, preset=preset, budget=budget)
+    wanted = suite.trials(
+        name, quick=quick, seeds=seeds, preset=preset, budget=budget, meshes=meshes, clouds=clouds
+    )
     wanted = [t for t in wanted if only is None or only in t.label]
     _check_options(wanted)
     rows = []
@@ -115,11 +129,17 @@ def experiment(
         rows.append(row)
         click.echo(_progress(row, len(rows), len(wanted)), err=True)
     about = suite.EXPERIMENTS[name]
-    asked = {"--budget": budget, "--seeds": seeds, "--preset": preset, "--only": only}
+    asked: dict[str, Any] = {
+        "--budget": budget,
+        "--seeds": seeds,
+        "--preset": preset,
+        "--only": only,
+    }
+    asked |= {"--meshes": meshes and "DIR", "--clouds": clouds and "DIR"}
     given = [f"{flag}={value}" for flag, value in asked.items() if value is not None]
     quickly = ["--quick"] if quick else []
     command = shlex.join(["mpf", "experiment", name, *quickly, *given])
-    table = tables.markdown(about.title, rows, about.paper, command)
+    table = tables.markdown(about.title, rows, about.paper, command, about.beside)
     write_atomically(directory / "table.md", table.encode())
     write_atomically(directory / "rows.json", json.dumps(rows, indent=2).encode())
     sheet = tables.contact_sheet(rows, directory)
@@ -143,6 +163,8 @@ def _check_options(trials: list[Trial]) -> None:
 
 
 def _progress(row: dict[str, Any], done: int, all_of_them: int) -> str:
-    found = row.get("error") or f"Chamfer × 10³ {row['metrics']['chamfer']:.3g}"
+    metrics = row.get("metrics", {})
+    name = "chamfer" if "chamfer" in metrics else "input_to_surface"
+    found = row.get("error") or f"{name.replace('_', ' ')} × 10³ {metrics[name]:.3g}"
     label, seed = row["trial"]["label"], row["trial"]["seed"]
     return f"[{done}/{all_of_them}] {label}, seed {seed}: {found}, {row['seconds']:.0f} s"

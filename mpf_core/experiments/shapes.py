@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from mpf_core.errors import OptionsError
 from mpf_core.experiments import sheets, solids
 from mpf_core.experiments.build import normalised
+from mpf_core.quality.meshio import read_mesh
 from mpf_core.quality.metrics import point_distances
 from mpf_core.quality.sampling import sample_surface
 from mpf_core.surface.mesh import Mesh
@@ -83,7 +85,10 @@ SHAPES: dict[str, ShapeSpec] = {spec.name: spec for spec in _ALL}
 
 @cache
 def shape(name: str) -> Mesh:
-    """The normalised triangles of a shape of SHAPES; not to be changed in place."""
+    """The normalised triangles of a shape of SHAPES, or of the mesh file of that name; not to be
+    changed in place."""
+    if name not in SHAPES and Path(name).is_file():
+        return normalised(read_mesh(Path(name)))
     if name not in SHAPES:
         raise OptionsError(f"there is no shape {name!r}", advice=f"Use one of {', '.join(SHAPES)}.")
     return normalised(SHAPES[name].build())

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
+from mpf_core.experiments import presets
 from mpf_core.experiments.shapes import PLATE_THICKNESSES
 from mpf_core.experiments.trial import Trial
 
 # A fit of a few seconds: what runs in the tests, and says nothing about quality.
 QUICK: dict[str, Any] = {
-    "preset": "draft", "max_iterations": 60, "time_budget": 9.0, "resolution": 64, "slices": 0,
+    "preset": "draft", "max_iterations": 60, "time_budget": 60.0, "resolution": 64, "slices": 0,
 }  # fmt: skip
 _QUICK_POINTS = 3000
 
@@ -26,12 +28,14 @@ _SHAPES = (
 
 @dataclass(frozen=True)
 class Experiment:
-    """A table: its trials without seeds, at full size or quick, and what the paper says of them."""
+    """A table: its trials without seeds, at full size or quick, and what the paper says of them,
+    or what they are to reach."""
 
     name: str
     title: str
     trials: Callable[[bool], list[Trial]]
     paper: dict[str, str] = field(default_factory=dict)
+    beside: str = "paper"
 
 
 def _thickness(quick: bool) -> list[Trial]:
@@ -65,6 +69,12 @@ def _noise(quick: bool) -> list[Trial]:
     return made
 
 
+def _presets(quick: bool) -> list[Trial]:
+    if quick:
+        return [Trial("wave", "wave", _QUICK_POINTS)]
+    return presets.trials(None, None)
+
+
 EXPERIMENTS: dict[str, Experiment] = {
     "thickness": Experiment(
         "thickness",
@@ -79,18 +89,35 @@ EXPERIMENTS: dict[str, Experiment] = {
     ),
     "shapes": Experiment("shapes", "Exact shapes of the paper's kinds", _shapes),
     "noise": Experiment("noise", "Noise, outliers, missing parts, a scene", _noise),
+    "presets": Experiment(
+        "presets", "The presets against their goals", _presets, presets.goals(), "goal"
+    ),
 }
 
 
 def trials(
-    name: str, *, quick: bool, seeds: int, preset: str | None, budget: float | None
+    name: str,
+    *,
+    quick: bool,
+    seeds: int,
+    preset: str | None,
+    budget: float | None,
+    meshes: Path | None = None,
+    clouds: Path | None = None,
 ) -> list[Trial]:
-    """The trials of an experiment, with the options and the seeds asked for."""
+    """The trials of an experiment, with the options and the seeds asked for.
+
+    meshes, clouds: folders with the files that `presets` names
+    """
     options: dict[str, Any] = dict(QUICK) if quick else {}
     if preset is not None:
         options["preset"] = preset
     if budget is not None:
         options["time_budget"] = budget
-    pairs = tuple(sorted(options.items()))
     base = EXPERIMENTS[name].trials(quick)
-    return [one for t in base for one in replace(t, options=pairs).seeded(1 if quick else seeds)]
+    if name == "presets" and not quick:
+        base = presets.trials(meshes, clouds)
+        if preset is not None:
+            base = [t for t in base if dict(t.options)["preset"] == preset]
+    made = [replace(t, options=tuple(sorted({**dict(t.options), **options}.items()))) for t in base]
+    return [one for t in made for one in t.seeded(1 if quick else seeds)]

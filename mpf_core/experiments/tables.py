@@ -33,6 +33,8 @@ class Column:
 
 COLUMNS = (
     Column("Chamfer × 10³", "chamfer"),
+    Column("before the last step", "alone_chamfer"),
+    Column("input to surface × 10³", "input_to_surface"),
     Column("F 0.005, %", "f_score_005", 100, 1),
     Column("F 0.01, %", "f_score_010", 100, 1),
     Column("normals", "normal_consistency", 1, 3),
@@ -43,18 +45,24 @@ COLUMNS = (
     Column("crossings", "self_intersections", 1, 0),
     Column("Euler", "euler_characteristic", 1, 0),
     Column("slivers", "slivers", 1, 0),
+    Column("farthest piece, spacings", "farthest_component"),
 )
 
 
-def markdown(title: str, rows: Sequence[Row], cited: dict[str, str], command: str) -> str:
+def markdown(
+    title: str, rows: Sequence[Row], cited: dict[str, str], command: str, beside: str = "paper"
+) -> str:
     """A table with one line per label and method: means over the seeds, and half their spread.
 
-    cited: what others published for a label, shown beside; command: what made the rows
+    cited: what others published for a label, or what is to be reached, shown under the heading
+    `beside`; command: what made the rows
     """
-    headings = ["", "method", *(c.heading for c in COLUMNS), "s", *(["paper"] if cited else [])]
+    known = {name for row in rows for name in row.get("metrics", {})}
+    columns = [c for c in COLUMNS if c.metric in known] or list(COLUMNS)
+    headings = ["", "method", *(c.heading for c in columns), "s", *([beside] if cited else [])]
     lines = [f"## {title}", "", _line(headings), _line(["---"] * len(headings))]
     for (label, method), group in _grouped(rows).items():
-        cells = [label, method, *(_cell(group, c) for c in COLUMNS)]
+        cells = [label, method, *(_cell(group, c) for c in columns)]
         cells.append(_spread([r["seconds"] for r in group], 0))
         lines.append(_line([*cells, *([cited.get(label, "–")] if cited else [])]))
     failed = [f"- {r['trial']['label']}: {r['error']}" for r in rows if "error" in r]
@@ -68,6 +76,8 @@ def contact_sheet(rows: Sequence[Row], directory: Path, across: int = 4) -> Imag
     for (label, method), group in _grouped(rows).items():
         row = next((r for r in group if "metrics" in r), None)
         if row is None:
+            continue
+        if "chamfer" not in row["metrics"]:
             continue
         pictures.append(error_picture(row, directory))
         captions.append(f"{label}, {method}: {row['metrics']['chamfer']:.2f}")
@@ -101,7 +111,8 @@ def _grouped(rows: Sequence[Row]) -> dict[tuple[str, str], list[Row]]:
 
 
 def _cell(group: Sequence[Row], column: Column) -> str:
-    values = [r["metrics"][column.metric] * column.factor for r in group if "metrics" in r]
+    name = column.metric
+    values = [r["metrics"][name] * column.factor for r in group if name in r.get("metrics", {})]
     return _spread(values, column.digits)
 
 
@@ -119,7 +130,7 @@ def _notes(rows: Sequence[Row], command: str) -> list[str]:
     measured = [r for r in rows if "metrics" in r]
     if not measured:
         return [f"`{command}`"]
-    samples = measured[0]["metrics"]["samples"]
+    samples = next((m["samples"] for r in measured if "samples" in (m := r["metrics"])), "no")
     where = ", ".join(f"{name} {value}" for name, value in measured[0]["machine"].items())
     seeds = len({r["trial"]["seed"] for r in rows})
     return [

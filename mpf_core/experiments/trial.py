@@ -15,19 +15,28 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from mpf_core.cloud.neighbors import median_spacing
+from mpf_core.cloud.normalize import Similarity
+from mpf_core.cloud.pointcloud import PointCloud
+from mpf_core.cloud.reader import read_cloud
 from mpf_core.errors import MPFError
 from mpf_core.experiments.shapes import sample, shape
 from mpf_core.files import write_atomically
-from mpf_core.quality.metrics import evaluate
-from mpf_core.surface.export import write_ply
+from mpf_core.quality.intersections import self_intersections
+from mpf_core.quality.metrics import evaluate, farthest_component, points_to_surface
+from mpf_core.quality.topology import topology
+from mpf_core.surface.export import cloud_ply_bytes, write_glb, write_ply
 from mpf_core.surface.mesh import Mesh
 
 Row = dict[str, Any]
+SCANS = (".xyz", ".txt", ".pts")
 _LIBRARIES = ("numpy", "scipy", "torch", "libigl")
 
 
@@ -35,7 +44,9 @@ _LIBRARIES = ("numpy", "scipy", "torch", "libigl")
 class Trial:
     """A shape, the cloud sampled from it (see `shapes.sample`), and the method that meets it.
 
-    label: the row's name in the table; options: what `options_from` reads, as sorted pairs
+    label: the row's name in the table; shape: a name, a mesh file, or the file of a scan, of which
+    there is no exact surface and `points` are drawn; options: what `options_from` reads, as sorted
+    pairs
     """
 
     label: str
@@ -55,10 +66,19 @@ class Trial:
         """A file name of its own: readable, and different whenever any setting is."""
         settings = json.dumps(asdict(self), sort_keys=True).encode()
         digest = hashlib.sha256(settings).hexdigest()[:10]
-        return f"{self.shape}-{self.method}-{self.seed}-{digest}"
+        return f"{Path(self.shape).stem}-{self.method}-{self.seed}-{digest}"
+
+    @property
+    def is_scan(self) -> bool:
+        """Whether the cloud is measured, so that no exact surface is known."""
+        return Path(self.shape).suffix.lower() in SCANS
 
     def cloud(self) -> NDArray[np.float64]:
         """(n, 3) points in the shape's normalised frame."""
+        if self.is_scan:
+            points = read_cloud(Path(self.shape)).points
+            drawn = np.random.default_rng(self.seed).permutation(len(points))[: self.points]
+            return Similarity.of(points).to_normalised(points[drawn])
         return sample(
             self.shape, self.points, self.seed, noise=self.noise, outliers=self.outliers,
             uneven=self.uneven, holes=self.holes, thickness=self.thickness,
@@ -71,10 +91,16 @@ class Trial:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a method made of a cloud: a mesh in the cloud's frame, and what it tells of itself."""
+    """What a method made of a cloud: a mesh in the cloud's frame, and what it tells of itself.
+
+    alone: the mesh before the last step, where there was one; seconds: from reading the cloud's
+    file to the written mesh
+    """
 
     mesh: Mesh
     facts: Mapping[str, Any] = field(default_factory=dict)
+    alone: Mesh | None = None
+    seconds: float | None = None
 
 
 Method = Callable[[NDArray[np.float64], Trial], Outcome]
@@ -110,14 +136,21 @@ def mesh_path(directory: str | Path, row: Row) -> Path:
 
 
 def mpf(points: NDArray[np.float64], trial: Trial) -> Outcome:
-    """Metric-Phase Fields, with the trial's options."""
+    """Metric-Phase Fields, with the trial's options, from a file to a file as for a user."""
     from mpf_core.options import options_from
     from mpf_core.pipeline import reconstruct
 
     options = options_from({"seed": trial.seed, **dict(trial.options)})
-    result = reconstruct(points, options)
-    told = ("timings", "extraction", "input")
-    return Outcome(result.mesh, {name: result.report[name] for name in told})
+    with TemporaryDirectory() as folder:
+        cloud = Path(folder) / "cloud.ply"
+        cloud.write_bytes(cloud_ply_bytes(PointCloud(points), []))
+        begin = time.perf_counter()
+        result = reconstruct(read_cloud(cloud).points, options)
+        write_glb(result.mesh, Path(folder) / "mesh.glb")
+        seconds = time.perf_counter() - begin
+    told = ("timings", "extraction", "input", "fit", "surface")
+    facts = {name: result.report[name] for name in told}
+    return Outcome(result.mesh, facts, seconds=seconds)
 
 
 METHODS: dict[str, Method] = {"mpf": mpf}
@@ -144,8 +177,25 @@ def _executed(trial: Trial, directory: Path, method: Method, samples: int) -> Ro
         outcome = method(points, trial)
     except MPFError as error:
         return row | {"error": str(error), "seconds": time.perf_counter() - start}
-    row["seconds"] = time.perf_counter() - start
-    row["metrics"] = evaluate(outcome.mesh, shape(trial.shape), samples=samples).as_dict()
+    row["seconds"] = outcome.seconds or time.perf_counter() - start
+    row["metrics"] = _measured(outcome.mesh, points, trial, samples)
+    if outcome.alone is not None:
+        alone = _measured(outcome.alone, points, trial, samples)
+        row["metrics"] |= {f"alone_{name}": value for name, value in alone.items()}
     row["facts"] = dict(outcome.facts)
     write_ply(outcome.mesh, mesh_path(directory, row))
     return row
+
+
+def _measured(
+    mesh: Mesh, points: NDArray[np.float64], trial: Trial, samples: int
+) -> dict[str, Any]:
+    tree = cKDTree(points)
+    found: dict[str, Any] = {
+        "input_to_surface": 1e3 * points_to_surface(points, mesh).mean,
+        "farthest_component": farthest_component(mesh, tree) / median_spacing(tree),
+    }
+    if trial.is_scan:
+        crossings = len(self_intersections(mesh))
+        return found | asdict(topology(mesh)) | {"self_intersections": crossings}
+    return found | evaluate(mesh, shape(trial.shape), samples=samples).as_dict()

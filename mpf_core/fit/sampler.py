@@ -21,6 +21,7 @@ from torch import Tensor
 
 from mpf_core.cloud.neighbors import Neighborhoods, distance_within
 from mpf_core.fit.initialize import Initialization
+from mpf_core.options import FitOptions
 
 BOX = 1.1  # Ω = [-BOX, BOX]³
 CHUNK = 100_000
@@ -63,6 +64,12 @@ class Pools:
     ambient: Pool
     start: Pool | None
     delta: float
+
+
+def pool_size(options: FitOptions) -> int:
+    """So many that a point is seen a few times in a fit, at most POOL; short fits need fewer."""
+    drawn = options.max_iterations * max(options.start_points, options.near_points)
+    return min(POOL, max(20_000, drawn // 2))
 
 
 def paper_pools(

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from mpf_core.errors import NoSurface
-from mpf_core.experiments import suite, tables, trial
+from mpf_core.experiments import presets, suite, tables, trial
 from mpf_core.experiments.cli import EXPERIMENTS, experiment
 from mpf_core.experiments.shapes import SHAPES, shape
 from mpf_core.experiments.trial import METHODS, Outcome, Trial
@@ -53,6 +53,29 @@ def test_rows_are_kept_and_failures_tried_again(tmp_path: Path) -> None:
     assert kept == done
 
 
+def test_a_scan_is_measured_by_its_own_points(tmp_path: Path) -> None:
+    file = tmp_path / "scan.xyz"
+    np.savetxt(file, shape("sphere").vertices * 7 + 3)
+    one = Trial("scan", str(file), points=200)
+
+    def unit(points: Points, asked: Trial) -> Outcome:
+        assert np.allclose(np.abs(points).max(0), 1, atol=0.05)
+        exact = shape("sphere")
+        far = exact.vertices[:3] + 5  # a triangle that belongs to nothing
+        vertices = np.concatenate([exact.vertices, far])
+        faces = np.concatenate([exact.faces, [[len(vertices) - k for k in (3, 2, 1)]]])
+        return Outcome(Mesh(vertices, faces), alone=exact, seconds=1.5)
+
+    (row,) = trial.run([one], tmp_path, {"mpf": unit}, samples=1000)
+    assert row["seconds"] == 1.5
+    assert row["metrics"]["input_to_surface"] < 20
+    assert row["metrics"]["components"] == 2
+    assert row["metrics"]["farthest_component"] > 10
+    assert row["metrics"]["alone_farthest_component"] < 1
+    assert "chamfer" not in row["metrics"]
+    assert "input to surface" in tables.markdown("Scans", [row], {}, "mpf")
+
+
 def test_keys_tell_trials_apart() -> None:
     every = [t for name in EXPERIMENTS for t in suite.EXPERIMENTS[name].trials(False)]
     seeded = [s for t in every for s in t.seeded(2)]
@@ -60,7 +83,7 @@ def test_keys_tell_trials_apart() -> None:
 
 
 @pytest.mark.parametrize("name", suite.EXPERIMENTS)
-def test_every_experiment_can_be_asked_for(name: str) -> None:
+def test_every_experiment_can_be_asked_for(name: str, tmp_path: Path) -> None:
     assert name in EXPERIMENTS
     for quick in (True, False):
         made = suite.trials(name, quick=quick, seeds=3, preset=None, budget=20.0)
@@ -69,9 +92,12 @@ def test_every_experiment_can_be_asked_for(name: str) -> None:
         labels = [t.label for t in made if t.seed == 0]
         assert len(labels) == len(set(labels))
         assert options_from(dict(made[0].options)).fit.time_budget == 20.0
-    assert set(suite.EXPERIMENTS[name].paper) <= {
-        t.label for t in suite.EXPERIMENTS[name].trials(False)
-    }
+    for file in (*presets.BODIES, presets.FLOWER, presets.HELMET):
+        (tmp_path / file).touch()
+    full = suite.trials(
+        name, quick=False, seeds=1, preset=None, budget=None, meshes=tmp_path, clouds=tmp_path
+    )
+    assert set(suite.EXPERIMENTS[name].paper) <= {t.label for t in full}
 
 
 def test_table_has_means_spreads_and_citations(tmp_path: Path) -> None:
