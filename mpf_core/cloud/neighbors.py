@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mpf_core.cloud.features import sharpened
 from mpf_core.cloud.layers import split
 
 NEAREST = 50  # the farthest neighbour that the paper's near-surface sampling asks for
@@ -128,6 +129,10 @@ def analyse(points: Array, *, normal_neighbours: int = 16, threads: int = -1) ->
     for name, parts in double.items():
         out[name][found[sure]] = np.concatenate(parts)[sure]
     out["gap"][found[~sure]] = 0.0
+    out["normals"] = sharpened(
+        points, out["normals"], out["spacing"], out["flatness"], tree,
+        fixed=out["gap"] > 0, threads=threads,
+    )  # fmt: skip
     return Neighborhoods(points=points, tree=tree, **out)
 
 

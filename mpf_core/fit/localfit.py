@@ -18,6 +18,7 @@ from mpf_core.cloud.neighbors import Neighborhoods, nearest
 NEIGHBOURS = 8
 LAYERED_NEIGHBOURS = 16  # as many on each side of a thin wall
 BANDWIDTH = 0.45  # of the local spacing; smaller follows noise, larger rounds edges
+FOLD = 0.1  # of the spacing: by as much a face falls away from the other's plane, or rises
 FACING = 0.5  # cosine; planes steeper to each other belong to other faces
 
 Array = NDArray[np.float64]
@@ -89,8 +90,20 @@ class LocalFit:
             closer = np.abs(other[2]) < np.abs(signed[rows])
             rows = rows[closer]
             weight[rows], mean[rows], signed[rows] = (part[closer] for part in other)
+        steep = ~same & ~behind & self._solid(index)
+        rows = np.flatnonzero(steep.any(1) & self._solid(first))
+        if len(rows):
+            signed[rows] = _with_other_face(
+                mean[rows], signed[rows], distance[rows], normals[rows],
+                offset[rows], steep[rows], spacing[rows],
+            )  # fmt: skip
         edge = self._edge(index, offset, mean, spacing)
         return LocalDistance(signed, mean, edge, distance[:, 0], spacing, first, index, weight)
+
+    def _solid(self, index: Indices) -> NDArray[np.bool_]:
+        if self.solid is None:
+            return np.zeros(index.shape, dtype=bool)
+        return np.asarray(self.solid[index])
 
     def _edge(self, index: Indices, offset: Array, mean: Array, spacing: Array) -> Array:
         """Signed distance along the surface to the rim of the data."""
@@ -126,3 +139,26 @@ def _plane(
     mean /= np.linalg.norm(mean, axis=1, keepdims=True) + 1e-12
     symmetric = 0.5 * (facing + mean[:, None])
     return weight, mean, np.einsum("mk,mki,mki->m", weight, symmetric, offset)
+
+
+def _with_other_face(
+    mean: Array,
+    signed: Array,
+    distance: Array,
+    normals: Array,
+    offset: Array,
+    steep: NDArray[np.bool_],
+    spacing: Array,
+) -> Array:
+    """f (m,) of a solid whose next face, through the samples `steep` (m, k), meets this one at an
+    edge: the larger of both where the edge is convex, the smaller where it is concave."""
+    leader = normals[np.arange(len(steep)), steep.argmax(1)]
+    other = steep & (np.einsum("mki,mi->mk", normals, leader) > FACING)
+    weight, _, beyond = _plane(distance, normals, offset, other, spacing)
+    # The height of the other face's samples over this face's plane.
+    height = signed - np.einsum("mk,mki,mi->m", weight, offset, mean)
+    convex = height < -FOLD * spacing
+    concave = height > FOLD * spacing
+    return np.where(
+        convex, np.maximum(signed, beyond), np.where(concave, np.minimum(signed, beyond), signed)
+    )
