@@ -1,8 +1,8 @@
 """Which signs the known values leave open. A sign is certain if one of two bounds says so:
 
 - slope: a corner where |θ| = v keeps its sign within the distance v / slope. The slope is the
-  steepest that the cell's own corners show, at least the 1 that the Eikonal terms ask for, times
-  SAFETY.
+  steepest that the values known in the cell and around it in its parent show, at least the 1 that
+  the Eikonal terms ask for, times SAFETY.
 - prediction: the interpolated value is farther from zero than the interpolation was wrong one
   level up, times ERROR_SAFETY. Where θ is smooth the error falls to a quarter with each level;
   across the crease inside a thin wall it does not, but there twice the error seen one level up
@@ -14,6 +14,7 @@ again (`refine.completed`); a whole piece is not.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
 
@@ -35,8 +36,30 @@ CORNERS_OF_27 = (cubes.CORNERS * 2) @ np.array([1, 3, 9])
 Corners = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
-_LOW = [[c for c in range(8) if not c >> axis & 1] for axis in range(3)]
-_HIGH = [[c for c in range(8) if c >> axis & 1] for axis in range(3)]
+
+@dataclass(frozen=True)
+class Seen:
+    """What the level above shows of each of m cells, from the vertices known of its parent.
+
+    error: (m,) of the prediction from the parent's corners; slope: (m,)
+    """
+
+    error: Corners
+    slope: Corners
+
+    @classmethod
+    def nothing(cls, count: int) -> Seen:
+        """For cells without a parent."""
+        return cls(np.full(count, np.inf, np.float32), np.zeros(count, np.float32))
+
+    @classmethod
+    def of(cls, values: Corners, edges: NDArray[np.float64]) -> Seen:
+        """From (27, m) values in parents, NaN where unknown, at vertices `edges` (3,) apart."""
+        off = np.abs(values - trilinear(3) @ values[CORNERS_OF_27])
+        return cls(np.fmax.reduce(off, axis=0, initial=0.0), steepness(values, edges))
+
+    def __getitem__(self, rows: slice | NDArray[np.int64]) -> Seen:
+        return Seen(self.error[rows], self.slope[rows])
 
 
 def lattice_points(count: int) -> NDArray[np.float64]:
@@ -54,21 +77,19 @@ def trilinear(count: int) -> NDArray[np.float32]:
     return weights
 
 
-def open_children(
-    corner: Corners, edges: NDArray[np.float64], error: Corners, *, exact: bool
-) -> Flags:
+def open_children(corner: Corners, edges: NDArray[np.float64], seen: Seen, *, exact: bool) -> Flags:
     """(8, m) children of each cell in which both signs are possible.
 
-    corner: (8, m) θ at the corners; edges: (3,); error: (m,) of the prediction one level up.
+    corner: (8, m) θ at the corners; edges: (3,) of the cells; seen: one level up.
     exact: the points asked are all vertices that any finer cell has; otherwise half the diagonal
     between them is added to the distances.
     """
     points = lattice_points(CHILD_POINTS)
     gap = 0.0 if exact else float(np.linalg.norm(edges)) / (CHILD_POINTS - 1)
     distance = _distances(points, edges, gap / 2)
-    reach = _reaches(corner, edges)
+    reach = _reaches(corner, edges, seen.slope)
     between = trilinear(CHILD_POINTS) @ corner  # (p, m)
-    margin = np.float32(ERROR_SAFETY) * error
+    margin = np.float32(ERROR_SAFETY) * seen.error
     negative = between <= margin
     positive = between >= -margin
     for c in range(8):
@@ -77,26 +98,40 @@ def open_children(
     return _any_in_child(negative) & _any_in_child(positive)
 
 
-def predicted(corner: Corners, edges: NDArray[np.float64], error: Corners) -> tuple[Corners, Flags]:
+def predicted(corner: Corners, edges: NDArray[np.float64], seen: Seen) -> tuple[Corners, Flags]:
     """(27, m) interpolated values at the vertices of cells of size 2, and whether their signs are
     certain. Arguments as for `open_children`."""
     distance = _distances(lattice_points(3), edges)
-    reach = _reaches(corner, edges)
+    reach = _reaches(corner, edges, seen.slope)
     between = trilinear(3) @ corner
-    sure = np.abs(between) > np.float32(ERROR_SAFETY) * error
+    sure = np.abs(between) > np.float32(ERROR_SAFETY) * seen.error
     sign = np.where(between < 0, np.float32(-1), np.float32(1))
     for c in range(8):
         sure |= reach[c] * sign > distance[c, :, None]
     return between, sure
 
 
-def _reaches(corner: Corners, edges: NDArray[np.float64]) -> Corners:
+def steepness(values: Corners, edges: NDArray[np.float64]) -> Corners:
+    """(m,) slope that values at the count³ vertices of cells show, NaN left out.
+
+    values: (count³, m), x fastest; edges: (3,) between neighbouring vertices. The steepest along
+    each axis, together as if they met in one point.
+    """
+    count = round(len(values) ** (1 / 3))
+    block = values.reshape(count, count, count, values.shape[1])
+    squared = np.zeros(values.shape[1], dtype=np.float32)
+    for axis in range(3):
+        slope = np.abs(np.diff(block, axis=2 - axis))
+        steepest = np.fmax.reduce(slope, axis=(0, 1, 2), initial=0.0)
+        squared += np.square(steepest / np.float32(edges[axis]))
+    slope_of_cell: Corners = np.sqrt(squared)
+    return slope_of_cell
+
+
+def _reaches(corner: Corners, edges: NDArray[np.float64], slope: Corners) -> Corners:
     """(8, m) signed distance within which each corner's sign holds, in cells with (3,) edges."""
-    slopes = np.stack([corner[_HIGH[k]] - corner[_LOW[k]] for k in range(3)])  # (3, 4, m)
-    slopes /= edges[:, None, None].astype(np.float32)
-    gradient = np.linalg.norm(slopes.mean(1), axis=0)
-    steepest = np.maximum(np.abs(slopes).max((0, 1)), np.maximum(gradient, 1))
-    reach: Corners = (corner / (SAFETY * steepest)).astype(np.float32)
+    steepest = SAFETY * np.maximum(np.maximum(slope, steepness(corner, edges)), 1)
+    reach: Corners = (corner / steepest).astype(np.float32, copy=False)
     return reach
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ from numpy.typing import NDArray
 SPAN = 8  # finest cells along a side of a brick
 CHUNK = 32_768  # cells handled at once, so that tables over their vertices stay small
 
-Scalar = TypeVar("Scalar", bound=np.generic)
 Evaluate = Callable[[NDArray[np.float64]], NDArray[np.float32]]
 Cells = NDArray[np.int64]
 Flat = NDArray[np.int64]
@@ -148,7 +146,13 @@ class Lattice:
         self.values = np.concatenate([self.values, fresh])
 
 
-def chunks(rows: NDArray[Scalar]) -> Iterator[NDArray[Scalar]]:
-    """The rows in order, at most CHUNK at once; one empty part if there are none."""
-    for start in range(0, max(len(rows), 1), CHUNK):
-        yield rows[start : start + CHUNK]
+def blocks(count: int) -> Iterator[slice]:
+    """Slices of at most CHUNK rows that cover `count`; one empty slice if there are none."""
+    for start in range(0, max(count, 1), CHUNK):
+        yield slice(start, start + CHUNK)
+
+
+def chunks(cells: Cells) -> Iterator[Cells]:
+    """The rows of cells in `blocks`."""
+    for rows in blocks(len(cells)):
+        yield cells[rows]

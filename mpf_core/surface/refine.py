@@ -15,12 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpf_core.surface import bounds, cubes
-from mpf_core.surface.lattice import SPAN, Cells, Evaluate, Flat, Grid, Lattice, chunks
+from mpf_core.surface.lattice import SPAN, Cells, Evaluate, Flat, Grid, Lattice, blocks, chunks
 
 Near = Callable[[Cells, int], NDArray[np.bool_]]
 Check = Callable[[int, int], None]
-
-Errors = NDArray[np.float32]
 
 _MIDDLES = np.setdiff1d(np.arange(27), bounds.CORNERS_OF_27)
 
@@ -40,15 +38,15 @@ def refined(grid: Grid, evaluate: Evaluate, near: Near, check: Check) -> tuple[L
         lattice.learn(cells, (0, 1, 2))
         return lattice, cells
     lattice.learn(cells, (0, size))
-    error = np.full(len(cells), np.inf, dtype=np.float32)
+    seen = bounds.Seen.nothing(len(cells))
     while size > 2:
         if size == lattice.spacing:
             lattice = _with_bricks(lattice, cells)
-        cells, size = _children(lattice, cells, size, error, near), size // 2
+        cells, size = _children(lattice, cells, size, seen, near), size // 2
         check(len(cells), size)
         lattice.learn(cells, (0, size))
-        error = _errors(lattice, cells, size)
-    return lattice, completed(lattice, _last(lattice, cells, error))
+        seen = _seen(lattice, cells, size)
+    return lattice, completed(lattice, _last(lattice, cells, seen))
 
 
 def _with_bricks(coarse: Lattice, cells: Cells) -> Lattice:
@@ -60,13 +58,14 @@ def _with_bricks(coarse: Lattice, cells: Cells) -> Lattice:
     return lattice
 
 
-def _children(lattice: Lattice, cells: Cells, size: int, error: Errors, near: Near) -> Cells:
+def _children(lattice: Lattice, cells: Cells, size: int, seen: bounds.Seen, near: Near) -> Cells:
     """The children of cells of `size` in which both signs are possible."""
     children = []
     edges = lattice.grid.steps * size
-    for part, off in zip(chunks(cells), chunks(error), strict=True):
+    for rows in blocks(len(cells)):
+        part, above = cells[rows], seen[rows]
         corner = lattice.corners(part, size)
-        wanted = bounds.open_children(corner, edges, off, exact=size < bounds.CHILD_POINTS)
+        wanted = bounds.open_children(corner, edges, above, exact=size < bounds.CHILD_POINTS)
         if size >= SPAN:
             wanted |= near(part, size)
         row, child = np.nonzero(wanted.T)
@@ -74,33 +73,30 @@ def _children(lattice: Lattice, cells: Cells, size: int, error: Errors, near: Ne
     return np.concatenate(children)
 
 
-def _errors(lattice: Lattice, cells: Cells, size: int) -> Errors:
-    """(m,) how far θ is from what its parent's corners predict, at the vertices known of it.
-
-    cells: (m, 3) of `size`, the children of one parent in a row.
-    """
+def _seen(lattice: Lattice, cells: Cells, size: int) -> bounds.Seen:
+    """What their parents show of cells (m, 3) of `size`; children of one parent in a row."""
     parent = cells // (2 * size) * (2 * size)
     first = np.ones(len(cells), dtype=bool)
     first[1:] = (parent[1:] != parent[:-1]).any(1)
-    errors = []
+    seen = []
     for part in chunks(parent[first]):
-        value = lattice.values[lattice.index(part, (0, size, 2 * size))]
-        off = np.abs(value - bounds.trilinear(3) @ value[bounds.CORNERS_OF_27])
-        errors.append(np.fmax.reduce(off, axis=0, initial=0.0))
-    of_parent: Errors = np.concatenate(errors)
-    spread: Errors = of_parent[np.cumsum(first) - 1]
-    return spread
+        values = lattice.values[lattice.index(part, (0, size, 2 * size))]
+        seen.append(bounds.Seen.of(values, lattice.grid.steps * size))
+    error = np.concatenate([one.error for one in seen])
+    slope = np.concatenate([one.slope for one in seen])
+    return bounds.Seen(error, slope)[np.cumsum(first) - 1]
 
 
-def _last(lattice: Lattice, cells: Cells, error: Errors) -> Cells:
+def _last(lattice: Lattice, cells: Cells, seen: bounds.Seen) -> Cells:
     """The cells of size 2 in which both signs are possible, with all their vertices known."""
     edges = lattice.grid.steps * 2
     pending = np.zeros(len(lattice.values), dtype=bool)
     sure = np.zeros(len(lattice.values), dtype=bool)
     kept = []
-    for part, off in zip(chunks(cells), chunks(error), strict=True):
+    for rows in blocks(len(cells)):
+        part, above = cells[rows], seen[rows]
         corner = lattice.corners(part, 2)
-        predicted, certain = bounds.predicted(corner, edges, off)
+        predicted, certain = bounds.predicted(corner, edges, above)
         crossed = (corner < 0).any(0) & (corner >= 0).any(0)
         keep = crossed | ~certain[_MIDDLES].all(0)
         open_ = ~certain[_MIDDLES][:, keep]

@@ -15,7 +15,7 @@ from mpf_core.surface.refine import signs
 # The next step of false position is not worth an evaluation when it is shorter than this share of
 # a cell: the secant's slope is good to some percent, so the root is then good to a thousandth.
 TOLERANCE = 0.02
-ROUNDS = 4
+ROUNDS = 8
 CLEARANCE = 1e-3  # from the edge's ends: a vertex on a grid vertex makes triangles of no area
 
 Floats = NDArray[np.float64]
@@ -120,7 +120,7 @@ def _roots(below: Floats, above: Floats, theta: Theta) -> Floats:
     """Where θ is zero along each edge, as a share of it, from its values at the ends.
 
     Each edge is evaluated at least once, at the zero of its secant; the next guess is that of the
-    parabola through all three points.
+    parabola through all three points, or the middle where a crease lies between them.
     """
     left, right = _Points.at(0.0, below), _Points.at(1.0, above)
     share = _secant(left, right)
@@ -131,7 +131,8 @@ def _roots(below: Floats, above: Floats, theta: Theta) -> Floats:
         here = _Points(share[among], value)
         third = left.where(lower, right)
         left, right = here.where(lower, left), right.where(lower, here)
-        better = _parabola(left, right, third)
+        bent = _bent(left, right, here, third)
+        better = np.where(bent, (left.share + right.share) / 2, _parabola(left, right, third))
         share[among] = better
         again = np.abs(better - here.share) > TOLERANCE
         if not again.any():
@@ -169,9 +170,17 @@ def _secant(left: _Points, right: _Points) -> Floats:
     return share
 
 
+def _bent(left: _Points, right: _Points, here: _Points, third: _Points) -> NDArray[np.bool_]:
+    """Where the slope changes twofold at the newest point: the parabola would not help."""
+    one = np.abs((right.value - left.value) * (here.share - third.share))
+    two = np.abs((here.value - third.value) * (right.share - left.share))
+    bent: NDArray[np.bool_] = np.maximum(one, two) > 2 * np.minimum(one, two)
+    return bent
+
+
 def _parabola(left: _Points, right: _Points, third: _Points) -> Floats:
     """Zero between left and right of the parabola share(θ) through three points, or the secant's
-    where it has none."""
+    where it has none there."""
     total = np.zeros_like(left.share)
     trio = (left, right, third)
     with np.errstate(all="ignore"):
