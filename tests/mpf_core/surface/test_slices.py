@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mpf_core.surface.drawing import number, round_length
-from mpf_core.surface.slices import _refined, cut, slice_image, write_slices
+from mpf_core.surface.sliceimage import STACK, Format, slice_image
+from mpf_core.surface.slices import _refined, cut, write_slices
 
 CENTER = np.array([448_262.0, 5_411_932.0, 312.0])
 
@@ -78,7 +79,9 @@ def test_a_field_without_a_sign_change_is_drawn_too() -> None:
 
 def test_files_and_positions(tmp_path: Path) -> None:
     box = np.array([[-1.0, -0.8, -0.6], [1.0, 0.8, 0.6]])
-    written = write_slices(ball, Frame(), box, 2, tmp_path, resolution=64, unit_label="m")
+    written = write_slices(
+        ball, Frame(), box, 2, tmp_path, format=Format(samples=64), unit_label="m"
+    )
     names = {str(s.path.relative_to(tmp_path)) for s in written}
     assert names == {f"slices/{a}/{k}.png" for a in "xyz" for k in (0, 1)}
     at = {(s.axis, s.index): s.at for s in written}
@@ -95,7 +98,7 @@ def test_cut_asks_for_the_plane_only() -> None:
         return ball(points)
 
     box = np.array([[-1.0, -1, -0.5], [1.0, 1, 0.5]])
-    _, at = cut(remember, Frame(), box, "y", 0.25, resolution=65)
+    _, at = cut(remember, Frame(), box, "y", 0.25, format=Format(samples=65))
     points = np.concatenate(asked)
     assert len(np.unique(points, axis=0)) == len(points) < 65 * 33
     assert (points[:, 1] == 0.25).all()
@@ -106,12 +109,20 @@ def test_cut_asks_for_the_plane_only() -> None:
 def test_only_the_neighbourhood_of_the_zero_level_is_sampled_finely() -> None:
     x, y = np.meshgrid(np.linspace(-1, 1, 201), np.linspace(-1, 1, 201))
     points = np.stack([x, y, np.zeros_like(x)], axis=2)
-    values = _refined(ball, points, below=0.04)
+    values = _refined(ball, points, below=[0.08, 0.04])
     exact = ball(points.reshape(-1, 3)).reshape(x.shape)
     near = np.abs(exact) < 0.035
     assert np.array_equal(values[near], exact[near])
     # Elsewhere within the curvature of a cell; the tip of the cone at the centre is the worst.
     assert np.abs(values - exact).max() < 0.01
+
+
+def test_pictures_of_a_stack_are_small() -> None:
+    image = pixels(slice_image(plane(), (-1, 1, -1, 1), axis="z", at=0.0, format=STACK))
+    assert 320 < image.shape[0] < image.shape[1] < 450
+    # The scale of colours is there too, and the dark line.
+    assert image[11 + 160, 11 + 160].max() < 60
+    assert (image[11 + 40, 11 + 320 + 14 : 11 + 320 + 25] < 250).any()
 
 
 def test_round_lengths_and_numbers() -> None:

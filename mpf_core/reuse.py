@@ -1,0 +1,166 @@
+"""A fitted field used again: meshes and slices without refitting.
+
+>>> from mpf_core import extract, load_field, slice_png         # doctest: +SKIP
+>>> fitted = load_field("field.safetensors")                    # doctest: +SKIP
+>>> extract(fitted, SurfaceOptions(resolution=512)).mesh        # doctest: +SKIP
+>>> slice_png(fitted, axis="z", at=0.1, name="theta")           # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from mpf_core.errors import OptionsError, OutsideBox
+from mpf_core.extraction_options import AXES, FIELDS, ExtractionOptions, extraction_to_mapping
+from mpf_core.field.artefact import load_field
+from mpf_core.field.fitted import FittedField, field_of
+from mpf_core.files import write_atomically
+from mpf_core.options import SurfaceOptions
+from mpf_core.progress import CancelCheck, ProgressCallback
+from mpf_core.quality.report import surface_report, versions_report
+from mpf_core.results import write_mesh_files, write_report, write_stack
+from mpf_core.surface.extraction import Extraction, extract_mesh, flushed_denormals
+from mpf_core.surface.slices import cut, evenly
+from mpf_core.watch import Clock, Watch
+
+# Share of an extraction that is done when each stage begins.
+BEGINS = {"read": 0.0, "extract": 0.05, "slices": 0.7, "report": 0.9, "done": 1.0}
+
+
+@flushed_denormals()
+def extract(
+    fitted: FittedField,
+    options: SurfaceOptions | None = None,
+    *,
+    threads: int | None = None,
+    cancel: CancelCheck | None = None,
+) -> Extraction:
+    """The surface of a fitted field as a mesh, and what the report tells of how it was taken.
+
+    At the same resolution and with as many threads it is the mesh of the run that fitted the field,
+    bit for bit; colours are those of the samples that the field keeps. Raises NoSurface,
+    ResolutionTooHigh, Cancelled.
+    """
+    if threads is not None:
+        torch.set_num_threads(threads)
+    return extract_mesh(fitted, options or SurfaceOptions(), cancel=cancel)
+
+
+@flushed_denormals()
+def slice_png(
+    fitted: FittedField, *, axis: str, at: float | None = None, name: str = "phi"
+) -> bytes:
+    """PNG of φ, r, θ or P (`name` in phi, r, theta, P) on the plane `axis` = `at`.
+
+    at: in the input's units, the middle of the box if not given. Raises OptionsError, OutsideBox.
+    """
+    if axis not in AXES or name not in FIELDS:
+        raise OptionsError(
+            f"there is no slice of {name!r} across {axis!r}",
+            advice=f"Axes are {', '.join(AXES)}, fields {', '.join(FIELDS)}.",
+        )
+    place = (
+        float(fitted.box[:, AXES.index(axis)].mean()) if at is None else inside(fitted, axis, at)
+    )
+    return cut(
+        field_of(fitted.field, name), fitted.similarity, fitted.box, axis, place, field=name
+    )[0]
+
+
+def inside(fitted: FittedField, axis: str, at: float) -> float:
+    """The normalised coordinate of `at` along `axis`; raises OutsideBox beyond the field's box."""
+    column = AXES.index(axis)
+    corners = fitted.similarity.to_input(fitted.box)[:, column]
+    place = float((at - fitted.similarity.center[column]) * fitted.similarity.scale)
+    low, high = fitted.box[:, column]
+    # The corners in the input's units, as they are printed and given back, count as inside.
+    slack = 1e-6 * float((fitted.box[1] - fitted.box[0]).max())
+    if not low - slack <= place <= high + slack:
+        raise OutsideBox(
+            f"{axis} = {at:.10g} lies outside the box of the field",
+            where="at",
+            advice=f"Use a position from {corners[0]:.10g} to {corners[1]:.10g}.",
+        )
+    return min(max(place, float(low)), float(high))
+
+
+def extract_file(
+    field_path: Path,
+    out: Path,
+    options: ExtractionOptions,
+    *,
+    progress: ProgressCallback | None = None,
+    cancel: CancelCheck | None = None,
+    clock: Clock = time.monotonic,
+) -> dict[str, Any]:
+    """Read a field and write what is asked for of mesh.glb, mesh.ply, slices/{axis}/{index}.png
+    and slices/{field}/{axis}/{index}.png, and report.json.
+
+    Returns the report. Raises FieldError, OutsideBox, SurfaceError, Cancelled.
+    """
+    watch = Watch(clock, progress, cancel, begins=BEGINS)
+    watch.enter("read")
+    fitted = load_field(field_path)
+    places = _places(fitted, options)  # all of them judged before any work
+    out.mkdir(parents=True, exist_ok=True)
+    report: dict[str, Any] = {
+        "options": extraction_to_mapping(options),
+        **versions_report(),
+        "frame": {
+            "center": fitted.similarity.center.tolist(),
+            "scale": fitted.similarity.scale,
+        },
+    }
+    if options.mesh:
+        watch.enter("extract")
+        taken = extract(fitted, options.surface, threads=options.threads, cancel=cancel)
+        write_mesh_files(taken.mesh, out)
+        kept = fitted.similarity.to_input(fitted.footprint.points)
+        report |= {"extraction": taken.report, "surface": surface_report(taken.mesh, kept)}
+    watch.enter("slices")
+    with flushed_denormals():
+        slices = write_stack(fitted, options.surface.slices, out)
+        slices += _write_cuts(fitted, places, out, watch)
+    watch.enter("report")
+    report |= {"slices": slices, "timings": dict(watch.seconds)}
+    write_report(report, out / "report.json")
+    watch.enter("done")
+    return report
+
+
+def _places(fitted: FittedField, options: ExtractionOptions) -> list[tuple[str, str, list[float]]]:
+    """Field, axis and normalised positions of every cut."""
+    return [
+        (
+            one.field,
+            one.axis,
+            evenly(fitted.box, one.axis, one.count)
+            if one.count
+            else [inside(fitted, one.axis, at) for at in one.at],
+        )
+        for one in options.cuts
+    ]
+
+
+def _write_cuts(
+    fitted: FittedField, places: list[tuple[str, str, list[float]]], out: Path, watch: Watch
+) -> list[dict[str, Any]]:
+    """Each field's cuts across an axis are numbered in the order in which they were asked for."""
+    numbers: dict[tuple[str, str], int] = {}
+    written = []
+    for name, axis, positions in places:
+        evaluate = field_of(fitted.field, name)
+        for place in positions:
+            watch.check()
+            picture, at = cut(evaluate, fitted.similarity, fitted.box, axis, place, field=name)
+            index = numbers.get((name, axis), 0)
+            numbers[name, axis] = index + 1
+            file = f"slices/{name}/{axis}/{index}.png"
+            (out / file).parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(out / file, picture)
+            written.append({"file": file, "field": name, "axis": axis, "at": at})
+    return written
