@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -10,11 +9,8 @@ from typing import Any
 
 import click
 
-from mpf_core.errors import Cancelled, FitError, InputError, MPFError, OptionsError
 from mpf_core.options import PRESET_NAMES, options_from
-from mpf_core.progress import Progress
-
-EXIT_INPUT, EXIT_FIT, EXIT_CANCELLED = 2, 3, 130
+from mpf_core.terminal import ProgressLine, changes_in, check_output, told_errors
 
 
 class _Commands(click.Group):
@@ -55,82 +51,62 @@ def main() -> None:
 @click.option("--threads", type=int, help="CPU threads.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE",
               help="Any other option by its name, e.g. --set omega=30.")  # fmt: skip
+@click.option("--field", type=click.Path(path_type=Path, dir_okay=False),
+              help="File for the fitted field, for `mpf extract` and `mpf slice`.")  # fmt: skip
 @click.option("--slices", type=click.Path(path_type=Path, file_okay=False),
               help="Folder for φ-slice pictures.")  # fmt: skip
 @click.option("--report", type=click.Path(path_type=Path, dir_okay=False),
               help="JSON file for the report.")  # fmt: skip
 def reconstruct(
-    input: Path, output: Path, slices: Path | None, report: Path | None, **flags: Any
+    input: Path,
+    output: Path,
+    field: Path | None,
+    slices: Path | None,
+    report: Path | None,
+    **flags: Any,
 ) -> None:
     """Reconstruct the surface of the point cloud INPUT (.ply, .xyz)."""
-    try:
-        _reconstruct(input, output, slices, report, flags)
-    except KeyboardInterrupt:
-        sys.exit(_fail(Cancelled("interrupted"), EXIT_CANCELLED))
-    except InputError as error:
-        sys.exit(_fail(error, EXIT_INPUT))
-    except Cancelled as error:
-        sys.exit(_fail(error, EXIT_CANCELLED))
-    except (FitError, MPFError) as error:
-        sys.exit(_fail(error, EXIT_FIT))
-    except OSError as error:
-        name = error.filename or input
-        sys.exit(_fail(InputError(f"{error.strerror or error}", where=str(name)), EXIT_INPUT))
-
-
-def _fail(error: MPFError, code: int) -> int:
-    click.echo(f"mpf: {error} [{error.code}]", err=True)
-    return code
+    with told_errors(input):
+        _reconstruct(input, output, field, slices, report, flags)
 
 
 def _reconstruct(
-    input: Path, output: Path, slices: Path | None, report: Path | None, flags: dict[str, Any]
+    input: Path,
+    output: Path,
+    field: Path | None,
+    slices: Path | None,
+    report: Path | None,
+    flags: dict[str, Any],
 ) -> None:
-    writer = output.suffix.lower()
-    if writer not in (".glb", ".ply"):
-        raise OptionsError(
-            f"{output.name} is neither .glb nor .ply", where="--output", advice="Name one of them."
-        )
-    if not output.parent.is_dir():
-        raise OptionsError(
-            f"there is no folder {output.parent}", where="--output", advice="Make it first."
-        )
-    options = options_from(_changes(flags))
+    check_output(output, ".glb", ".ply")
+    if field is not None:
+        check_output(field, option="--field")
+    options = options_from(changes_in(flags))
     clock_start = time.monotonic()
     from mpf_core import pipeline, results  # load torch
     from mpf_core.cloud.reader import read_cloud
-    from mpf_core.surface.export import write_glb, write_ply
+    from mpf_core.field.artefact import save_field
+    from mpf_core.surface.export import write_mesh
     from mpf_core.watch import Watch
 
-    line = _ProgressLine()
+    line = ProgressLine()
     watch = Watch(time.monotonic, line.show, None, begin=clock_start)
     watch.enter("read")
     result = pipeline.reconstruct_cloud(read_cloud(input), options, watch)
-    (write_glb if writer == ".glb" else write_ply)(result.mesh, output)
+    write_mesh(result.mesh, output)
+    if field is not None:
+        save_field(result.fitted, field)
     line.end()
     seconds = time.monotonic() - clock_start
+    told = dict(result.report)
     if slices is not None:
         slices.mkdir(parents=True, exist_ok=True)
-        results.write_field_slices(result, options.surface.slices, slices)
+        told["slices"] = results.write_stack(
+            result.fitted, options.surface.slices, slices, options.threads
+        )
     if report is not None:
-        results.write_report(result.report, report)
+        results.write_report(told, report)
     click.echo(summary(result.report, output, seconds))
-
-
-def _changes(flags: dict[str, Any]) -> dict[str, Any]:
-    """Option names to values: flags that were given, and --set NAME=VALUE read as JSON or text."""
-    import json
-
-    changes = {name: value for name, value in flags.items() if value is not None}
-    for setting in changes.pop("settings", ()):
-        name, equals, text = setting.partition("=")
-        if not equals:
-            raise OptionsError(f"--set {setting!r} has no '='", advice="Write --set NAME=VALUE.")
-        try:
-            changes[name] = json.loads(text)
-        except ValueError:  # not JSON, or a number of more digits than Python reads
-            changes[name] = text
-    return changes
 
 
 def summary(report: dict[str, Any], output: Path, seconds: float) -> str:
@@ -143,35 +119,3 @@ def summary(report: dict[str, Any], output: Path, seconds: float) -> str:
         f"input to surface {surface['input_to_surface']['median']:.3g} (median), "
         f"{fit['iterations']} iterations, {seconds:.0f} s"
     )
-
-
-class _ProgressLine:
-    """One live line on a terminal; a plain line every few seconds elsewhere."""
-
-    EVERY = 5.0  # seconds between plain lines
-
-    def __init__(self) -> None:
-        self.live = sys.stderr.isatty()
-        self.last_stage, self.last_time = "", -1e9
-
-    def show(self, progress: Progress) -> None:
-        text = self.text(progress)
-        if self.live:
-            click.echo(f"\r\033[K{text}", nl=False, err=True)
-        elif progress.stage != self.last_stage or (progress.seconds - self.last_time >= self.EVERY):
-            self.last_stage, self.last_time = progress.stage, progress.seconds
-            click.echo(text, err=True)
-
-    def text(self, progress: Progress) -> str:
-        parts = [f"{progress.fraction:4.0%}  {progress.stage}"]
-        if progress.iteration is not None:
-            parts.append(f"{progress.iteration}/{progress.iterations}")
-        if progress.loss is not None:
-            parts.append(f"loss {progress.loss:.4f}")
-        if progress.eta is not None:
-            parts.append(f"{progress.eta:.0f} s left")
-        return "  ".join(parts)
-
-    def end(self) -> None:
-        if self.live:
-            click.echo("\r\033[K", nl=False, err=True)

@@ -19,6 +19,7 @@ FIELDS = ("phi", "r", "theta", "P")
 MOST_PICTURES = 512  # of one extraction: some ten seconds' work
 
 _SURFACE = tuple(f.name for f in fields(SurfaceOptions))
+_DEFAULT = SurfaceOptions(slices=0)
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Cuts:
 class ExtractionOptions:
     """All choices of one extraction. The stack of φ slices was made with the field: none here."""
 
-    surface: SurfaceOptions = SurfaceOptions(slices=0)
+    surface: SurfaceOptions = _DEFAULT
     threads: int | None = None
     mesh: bool = True
     cuts: tuple[Cuts, ...] = ()
@@ -98,7 +99,7 @@ def extraction_schema() -> dict[str, Any]:
     properties["cuts"] = {
         "type": "array",
         "default": [],
-        "description": f"Slices to draw, {MOST_PICTURES} at most in all; each names `at` or `count`.",
+        "description": f"Slices, {MOST_PICTURES} at most in all; each cut names `at` or `count`.",
         "items": {
             "type": "object",
             "required": ["axis"],

@@ -161,7 +161,7 @@ class SurfaceOptions:
         expert=False,
     )
     slices: int = option(
-        3, "φ-slice images per axis, evenly spaced over the shape.", low=0, high=64, expert=False
+        32, "φ-slice images per axis, evenly spaced over the shape.", low=0, high=64, expert=False
     )
 
 

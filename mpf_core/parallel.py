@@ -8,6 +8,7 @@ number of threads (the order of sums), not on timing.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -20,6 +21,7 @@ T = TypeVar("T")
 
 _executor: ThreadPoolExecutor | None = None
 _count = 1
+_ours = threading.local()
 
 
 @contextmanager
@@ -51,7 +53,8 @@ def shared(job: Callable[[slice], T], size: int, *, smallest: int = 1) -> list[T
     Parts have at least `smallest` members, so that little work stays on one thread.
     """
     parts = _parts(size, max(1, min(_count, size // smallest)))
-    if _executor is None or len(parts) == 1:
+    # A thread of ours that waited for the others would wait for itself.
+    if _executor is None or len(parts) == 1 or getattr(_ours, "prepared", False):
         return [job(part) for part in parts]
     return list(_executor.map(job, parts))
 
@@ -63,5 +66,6 @@ def _parts(size: int, count: int) -> Sequence[slice]:
 
 def _prepare() -> None:
     """Denormals are a setting of each thread, and so is recording for autograd."""
+    _ours.prepared = True
     torch.set_flush_denormal(True)
     torch.set_grad_enabled(False)

@@ -7,12 +7,15 @@ import time
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from mpf_core.cloud.reader import read_cloud
 from mpf_core.field.artefact import save_field
-from mpf_core.field.fitted import field_of
+from mpf_core.field.fitted import FittedField, field_of
 from mpf_core.files import write_atomically
 from mpf_core.options import Options
-from mpf_core.pipeline import Reconstruction, reconstruct_cloud
+from mpf_core.parallel import workers
+from mpf_core.pipeline import reconstruct_cloud
 from mpf_core.progress import CancelCheck, PreviewCallback, ProgressCallback
 from mpf_core.surface.export import write_glb, write_ply
 from mpf_core.surface.slices import write_slices
@@ -49,15 +52,26 @@ def reconstruct_file(
     write_glb(result.mesh, out / "mesh.glb")
     write_ply(result.mesh, out / "mesh.ply")
     save_field(result.fitted, out / "field.safetensors")
-    write_field_slices(result, options.surface.slices, out)
-    write_report(result.report, out / "report.json")
-    return result.report
+    slices = write_stack(result.fitted, options.surface.slices, out, options.threads)
+    report = result.report | {"slices": slices}
+    write_report(report, out / "report.json")
+    return report
 
 
-def write_field_slices(result: Reconstruction, count: int, directory: Path) -> None:
-    """φ slices along each axis, as slices/{axis}/{index}.png."""
-    fitted = result.fitted
-    write_slices(field_of(fitted.field, "phi"), fitted.similarity, fitted.box, count, directory)
+def write_stack(
+    fitted: FittedField, count: int, out: Path, threads: int | None = None
+) -> list[dict[str, Any]]:
+    """`count` φ slices along each axis, as slices/{axis}/{index}.png.
+
+    Returns what the report tells of them: where they lie, in the input's units.
+    """
+    evaluate = field_of(fitted.field, "phi")
+    with workers(threads or torch.get_num_threads()):
+        written = write_slices(evaluate, fitted.similarity, fitted.box, count, out)
+    return [
+        {"file": f"slices/{s.axis}/{s.index}.png", "field": "phi", "axis": s.axis, "at": s.at}
+        for s in written
+    ]
 
 
 def write_report(report: dict[str, Any], path: Path) -> None:

@@ -1,10 +1,4 @@
-"""A fitted field used again: meshes and slices without refitting.
-
->>> from mpf_core import extract, load_field, slice_png         # doctest: +SKIP
->>> fitted = load_field("field.safetensors")                    # doctest: +SKIP
->>> extract(fitted, SurfaceOptions(resolution=512)).mesh        # doctest: +SKIP
->>> slice_png(fitted, axis="z", at=0.1, name="theta")           # doctest: +SKIP
-"""
+"""A fitted field used again: meshes and slices without refitting."""
 
 from __future__ import annotations
 
@@ -20,10 +14,12 @@ from mpf_core.field.artefact import load_field
 from mpf_core.field.fitted import FittedField, field_of
 from mpf_core.files import write_atomically
 from mpf_core.options import SurfaceOptions
+from mpf_core.parallel import workers
 from mpf_core.progress import CancelCheck, ProgressCallback
 from mpf_core.quality.report import surface_report, versions_report
-from mpf_core.results import write_mesh_files, write_report, write_stack
-from mpf_core.surface.extraction import Extraction, extract_mesh, flushed_denormals
+from mpf_core.results import write_report, write_stack
+from mpf_core.surface.export import write_glb, write_ply
+from mpf_core.surface.extraction import Extraction, extract_mesh
 from mpf_core.surface.slices import cut, evenly
 from mpf_core.watch import Clock, Watch
 
@@ -31,7 +27,6 @@ from mpf_core.watch import Clock, Watch
 BEGINS = {"read": 0.0, "extract": 0.05, "slices": 0.7, "report": 0.9, "done": 1.0}
 
 
-@flushed_denormals()
 def extract(
     fitted: FittedField,
     options: SurfaceOptions | None = None,
@@ -45,12 +40,10 @@ def extract(
     bit for bit; colours are those of the samples that the field keeps. Raises NoSurface,
     ResolutionTooHigh, Cancelled.
     """
-    if threads is not None:
-        torch.set_num_threads(threads)
-    return extract_mesh(fitted, options or SurfaceOptions(), cancel=cancel)
+    with workers(threads or torch.get_num_threads()):
+        return extract_mesh(fitted, options or SurfaceOptions(), cancel=cancel)
 
 
-@flushed_denormals()
 def slice_png(
     fitted: FittedField, *, axis: str, at: float | None = None, name: str = "phi"
 ) -> bytes:
@@ -66,9 +59,9 @@ def slice_png(
     place = (
         float(fitted.box[:, AXES.index(axis)].mean()) if at is None else inside(fitted, axis, at)
     )
-    return cut(
-        field_of(fitted.field, name), fitted.similarity, fitted.box, axis, place, field=name
-    )[0]
+    evaluate = field_of(fitted.field, name)
+    with workers(torch.get_num_threads()):
+        return cut(evaluate, fitted.similarity, fitted.box, axis, place, field=name)[0]
 
 
 def inside(fitted: FittedField, axis: str, at: float) -> float:
@@ -107,6 +100,28 @@ def extract_file(
     fitted = load_field(field_path)
     places = _places(fitted, options)  # all of them judged before any work
     out.mkdir(parents=True, exist_ok=True)
+    taken: Extraction | None = None
+    if options.mesh:
+        watch.enter("extract")
+        taken = extract(fitted, options.surface, threads=options.threads, cancel=cancel)
+        write_glb(taken.mesh, out / "mesh.glb")
+        write_ply(taken.mesh, out / "mesh.ply")
+    watch.enter("slices")
+    slices = write_stack(fitted, options.surface.slices, out, options.threads)
+    with workers(options.threads or torch.get_num_threads()):
+        slices += _write_cuts(fitted, places, out, watch)
+    watch.enter("report")
+    report = report_of(fitted, options, taken)
+    report |= {"slices": slices, "timings": dict(watch.seconds)}
+    write_report(report, out / "report.json")
+    watch.enter("done")
+    return report
+
+
+def report_of(
+    fitted: FittedField, options: ExtractionOptions, taken: Extraction | None
+) -> dict[str, Any]:
+    """What was asked for and, if a mesh was, what it is like; distances are to the kept samples."""
     report: dict[str, Any] = {
         "options": extraction_to_mapping(options),
         **versions_report(),
@@ -115,20 +130,9 @@ def extract_file(
             "scale": fitted.similarity.scale,
         },
     }
-    if options.mesh:
-        watch.enter("extract")
-        taken = extract(fitted, options.surface, threads=options.threads, cancel=cancel)
-        write_mesh_files(taken.mesh, out)
+    if taken is not None:
         kept = fitted.similarity.to_input(fitted.footprint.points)
         report |= {"extraction": taken.report, "surface": surface_report(taken.mesh, kept)}
-    watch.enter("slices")
-    with flushed_denormals():
-        slices = write_stack(fitted, options.surface.slices, out)
-        slices += _write_cuts(fitted, places, out, watch)
-    watch.enter("report")
-    report |= {"slices": slices, "timings": dict(watch.seconds)}
-    write_report(report, out / "report.json")
-    watch.enter("done")
     return report
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from mpf_core.errors import Cancelled
@@ -30,7 +30,9 @@ class Watch:
         stop: CancelCheck | None = None,
         checkpoint: Path | None = None,
         preview: PreviewCallback | None = None,
+        begins: Mapping[str, float] = BEGINS,
     ):
+        self.begins = begins
         self.preview = preview
         self.checkpoint = checkpoint
         self.clock, self.progress, self.cancel, self.stop = clock, progress, cancel, stop
@@ -47,7 +49,7 @@ class Watch:
             self.seconds[self.stage] = round(spent, 3)
         self.stage, self.since = stage, now
         self.check()
-        self.tell(Progress(stage, BEGINS[stage], now - self.begin))
+        self.tell(Progress(stage, self.begins[stage], now - self.begin))
 
     def tell(self, progress: Progress) -> None:
         if self.progress is not None:

@@ -14,6 +14,7 @@ from service.access.guard import Guard
 from service.access.routes import router as shares
 from service.artifacts.routes import router as artifacts
 from service.events.routes import router as events
+from service.jobs.extraction_routes import router as extractions
 from service.jobs.routes import router as jobs
 from service.operations.routes import router as operations
 from service.request_log import RequestLog
@@ -68,7 +69,9 @@ def create_app(settings: Settings) -> FastAPI:
             expose_headers=[*EXPOSED_HEADERS, *tus.EXPOSED_HEADERS],
         )
     app.add_middleware(RequestLog)
-    for router in (jobs, tus.router, inspection, events, artifacts, shares, webhooks, operations):
+    for router in (
+        jobs, extractions, tus.router, inspection, events, artifacts, shares, webhooks, operations,
+    ):  # fmt: skip
         app.include_router(router)
     app.openapi = lambda: describe(app)  # type: ignore[method-assign]
     return app

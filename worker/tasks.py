@@ -21,11 +21,12 @@ from rq import get_current_job
 from rq.timeouts import JobTimeoutException
 
 from mpf_core.errors import Cancelled, MPFError
-from mpf_core.options import Options, options_from
+from mpf_core.extraction_options import extraction_from
+from mpf_core.options import options_from
 from service.artifacts.store import ArtifactStore
 from service.connection import UNREACHABLE, connect
 from service.jobs.lease import Changed, Lease, Refused
-from service.jobs.model import RESULTS, Artifact, Job
+from service.jobs.model import EXTRACTION, FIT, RESULTS, Artifact, Job
 from service.jobs.queue import JobQueue, attempt_of
 from service.jobs.store import JobStore
 from service.logs import about
@@ -44,8 +45,9 @@ class Run:
     """One attempt at one job, with what it needs."""
 
     job: Job
-    options: Options
-    cloud: Path
+    threads: int
+    """For where the job's options leave it open."""
+    input: Path
     out: Path
     reporter: Reporter
     preview: Callable[[bytes], None]
@@ -59,10 +61,11 @@ def fit(run: Run) -> None:
     """Points in, surface out. The numerics are loaded here and nowhere else."""
     from mpf_core.results import reconstruct_file
 
+    options = options_from(run.job.options)
     reconstruct_file(
-        run.cloud,
+        run.input,
         run.out,
-        run.options,
+        dataclasses.replace(options, threads=options.threads or run.threads),
         progress=run.reporter.progress,
         stop=run.reporter.stop,
         cancel=run.reporter.cancel,
@@ -71,7 +74,21 @@ def fit(run: Run) -> None:
     )
 
 
-RUNNERS: dict[str, Runner] = {"fit": fit}
+def extract(run: Run) -> None:
+    """A fitted field in, a mesh or slices out."""
+    from mpf_core.reuse import extract_file
+
+    options = extraction_from(run.job.options)
+    extract_file(
+        run.input,
+        run.out,
+        dataclasses.replace(options, threads=options.threads or run.threads),
+        progress=run.reporter.progress,
+        cancel=run.reporter.cancel,
+    )
+
+
+RUNNERS: dict[str, Runner] = {FIT: fit, EXTRACTION: extract}
 
 
 def run(job_id: str) -> None:
@@ -124,15 +141,12 @@ class Attempt:
         return lambda: self._store.succeed(self._lease, files)
 
     def _perform(self, job: Job) -> dict[str, Artifact]:
-        options = options_from(job.options)
-        if options.threads is None:
-            options = dataclasses.replace(options, threads=self._settings.threads_per_job())
         out = self._artifacts.work(job.id, self._lease.attempt)
         # The last attempt begins anew: it may be what was kept that ended the others.
         inherit = self._lease.attempt < self._settings.max_attempts
         run = Run(
             job,
-            options,
+            self._settings.threads_per_job(),
             self._artifacts.input(job.id),
             out,
             self._reporter,

@@ -45,15 +45,19 @@ def input_report(notes: tuple[str, ...], preparation: PreparationReport) -> dict
 
 def run_report(options: Options) -> dict[str, Any]:
     """Options, seed and versions: what is needed to repeat the run."""
+    return {
+        "options": options_to_mapping(options),
+        "seed": options.seed,
+        **versions_report(),
+    }
+
+
+def versions_report() -> dict[str, Any]:
+    """What the figures were computed with."""
     versions = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
             versions[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             versions[name] = "not installed"
-    return {
-        "options": options_to_mapping(options),
-        "seed": options.seed,
-        "versions": versions,
-        "machine": platform.machine(),
-    }
+    return {"versions": versions, "machine": platform.machine()}

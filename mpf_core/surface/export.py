@@ -36,6 +36,11 @@ def write_ply(mesh: Mesh, path: str | Path) -> None:
     write_atomically(path, ply_bytes(mesh))
 
 
+def write_mesh(mesh: Mesh, path: Path) -> None:
+    """Write `mesh` as what the path's ending says: .ply, or .glb for everything else."""
+    (write_ply if path.suffix.lower() == ".ply" else write_glb)(mesh, path)
+
+
 def glb_bytes(mesh: Mesh, *, name: str = "surface") -> bytes:
     """`mesh` as a GLB with vertex normals, colours if it has any, and a matt two-sided material.
 

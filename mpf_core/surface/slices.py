@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpf_core.files import write_atomically
+from mpf_core.parallel import shared
 from mpf_core.surface.sliceimage import ACROSS, SINGLE, STACK, Format, slice_image
 
 AXES = ("x", "y", "z")
@@ -53,9 +54,15 @@ def write_slices(
     evaluate: field values (n,) at normalised points (n, 3); box: (2, 3) normalised corners.
     Lengths shown are in the input's units.
     """
-    written = []
-    for axis in AXES:
-        for index, at in enumerate(evenly(box, axis, count_per_axis)):
+    planes = [
+        (axis, index, at)
+        for axis in AXES
+        for index, at in enumerate(evenly(box, axis, count_per_axis))
+    ]
+
+    def drawn(part: slice) -> list[Slice]:
+        written = []
+        for axis, index, at in planes[part]:
             path = Path(directory) / "slices" / axis / f"{index}.png"
             path.parent.mkdir(parents=True, exist_ok=True)
             picture, position = cut(
@@ -64,7 +71,9 @@ def write_slices(
             )  # fmt: skip
             write_atomically(path, picture)
             written.append(Slice(axis, index, position, path))
-    return written
+        return written
+
+    return [one for some in shared(drawn, len(planes)) for one in some]
 
 
 def evenly(box: NDArray[np.float64], axis: str, count: int) -> list[float]:

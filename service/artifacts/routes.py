@@ -91,7 +91,30 @@ class Zip(StreamingResponse):
     media_type = "application/zip"
 
 
-BY_SUFFIX: dict[str, type[Published]] = {".glb": Glb, ".ply": Ply, ".json": Json, ".png": Png}
+class Field(Published):
+    """Safetensors has no registered type."""
+
+    media_type = "application/octet-stream"
+
+
+class FieldName(StrEnum):
+    """What a slice shows."""
+
+    PHI = "phi"
+    R = "r"
+    THETA = "theta"
+    P = "P"
+
+
+BY_SUFFIX: dict[str, type[Published]] = {
+    ".glb": Glb,
+    ".ply": Ply,
+    ".json": Json,
+    ".png": Png,
+    ".safetensors": Field,
+}
+
+Index = Annotated[int, Path(ge=0, le=9999, description="From 0, along the axis.")]
 
 
 @router.get("/jobs/{job_id}/mesh.glb", response_class=Glb, responses=_PROBLEMS)
@@ -104,6 +127,12 @@ def mesh_glb(job_id: JobId, request: Request, caller: CallerDep, state: StateDep
 def mesh_ply(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
     """The mesh as binary PLY, in the input's coordinates."""
     return file_response(state, caller, job_id, "mesh.ply", request)
+
+
+@router.get("/jobs/{job_id}/field.safetensors", response_class=Field, responses=_PROBLEMS)
+def field(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
+    """The fitted field, with everything needed to use it."""
+    return file_response(state, caller, job_id, "field.safetensors", request)
 
 
 @router.get("/jobs/{job_id}/report.json", response_class=Json, responses=_PROBLEMS)
@@ -120,12 +149,12 @@ def report(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) 
 def slice_png(
     job_id: JobId,
     axis: Axis,
-    index: Annotated[int, Path(ge=0, le=9999, description="From 0, along the axis.")],
+    index: Index,
     request: Request,
     caller: CallerDep,
     state: StateDep,
 ) -> Response:
-    """One φ slice as a picture."""
+    """One φ slice of the stack as a picture."""
     return file_response(state, caller, job_id, f"slices/{axis}/{index}.png", request)
 
 
@@ -137,6 +166,24 @@ def slice_png(
 def preview_glb(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
     """A coarse mesh of what the fit has come to; another one takes its place every few seconds."""
     return preview_response(state, caller, job_id, request)
+
+
+@router.get(
+    "/jobs/{job_id}/slices/{field}/{axis}/{index}.png",
+    response_class=Png,
+    responses=_PROBLEMS | problems("request.invalid"),
+)
+def cut_png(
+    job_id: JobId,
+    field: FieldName,
+    axis: Axis,
+    index: Index,
+    request: Request,
+    caller: CallerDep,
+    state: StateDep,
+) -> Response:
+    """One slice that an extraction was asked for."""
+    return file_response(state, caller, job_id, f"slices/{field}/{axis}/{index}.png", request)
 
 
 @router.get("/jobs/{job_id}/result.zip", response_class=Zip, responses=_PROBLEMS)

@@ -78,9 +78,17 @@ class ArtifactStore:
     def share_input(self, parent: str, job_id: str) -> Path:
         """Give a job the input of another one, without copying the bytes."""
         source = self.input(parent)
+        return self._share(source, job_id, source.name)
+
+    def share_field(self, parent: str, attempt: int, name: str, job_id: str) -> Path:
+        """Make a file of another job's result the input of a job, as `share_input` does."""
+        source = self.result(parent, attempt, name)
+        return self._share(source, job_id, f"input{source.suffix}")
+
+    def _share(self, source: Path, job_id: str, name: str) -> Path:
         folder = self._folder(job_id)
         folder.mkdir()
-        target = folder / source.name
+        target = folder / name
         target.hardlink_to(source)
         for changed in (folder, self._jobs):
             _sync(changed)

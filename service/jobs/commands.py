@@ -11,12 +11,13 @@ from typing import Any
 
 from redis import Redis
 
+from mpf_core.extraction_options import extraction_from, extraction_to_mapping
 from mpf_core.options import options_from, options_to_mapping
 from service.access.caller import Caller
 from service.artifacts.store import ArtifactStore
 from service.jobs.index_store import Place
 from service.jobs.lease import Refused
-from service.jobs.model import Job, JobState, new_job_id
+from service.jobs.model import EXTRACTION, Job, JobState, new_job_id
 from service.jobs.queue import JobQueue
 from service.jobs.store import Creation, JobStore, created
 from service.problems import Problem
@@ -159,11 +160,12 @@ class JobCommands:
     ) -> Job:
         """A new job on the same input, with some options changed."""
         parent = self.get(caller, job_id)
-        merged = _merged(parent.options, changes)
+        merged = _merged(parent, changes)
         job = Job(
             id=new_job_id(),
             state=JobState.QUEUED,
             attempt=1,
+            kind=parent.kind,
             parent=parent.id,
             owner=caller.owner,
             label=label or parent.label,
@@ -175,8 +177,7 @@ class JobCommands:
             self._artifacts.share_input(parent.id, job.id)
         except FileNotFoundError as error:
             raise not_found(job_id) from error
-        told = json.dumps(["retry", job_id, dict(changes), label], sort_keys=True)
-        digest = hashlib.sha256(told.encode()).hexdigest()
+        digest = digest_of("retry", job_id, dict(changes), label)
         return self.accept(job, idempotency_key=idempotency_key, digest=digest)
 
     def repeated(self, caller: Caller, idempotency_key: str, digest: str) -> Job | None:
@@ -241,10 +242,17 @@ def _shown(job: Job | None, caller: Caller, job_id: str) -> Job:
     return job
 
 
-def _merged(before: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def _merged(parent: Job, changes: Mapping[str, Any]) -> dict[str, Any]:
     """The parent's options with some replaced; a new preset starts from that preset."""
-    base = {} if "preset" in changes else dict(before)
+    if parent.kind == EXTRACTION:
+        return extraction_to_mapping(extraction_from(dict(parent.options) | dict(changes)))
+    base = {} if "preset" in changes else dict(parent.options)
     return options_to_mapping(options_from(base | dict(changes)))
+
+
+def digest_of(*request: Any) -> str:
+    """What makes two requests without a file the same."""
+    return hashlib.sha256(json.dumps(request, sort_keys=True).encode()).hexdigest()
 
 
 def not_found(job_id: str) -> Problem:

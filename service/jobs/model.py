@@ -51,6 +51,11 @@ def origins(target: JobState) -> frozenset[JobState]:
     return frozenset(state for state, nexts in TRANSITIONS.items() if target in nexts)
 
 
+FIT = "fit"
+EXTRACTION = "extraction"
+"""A mesh or slices from the field of a job before it, which is this job's input."""
+
+
 @dataclass(frozen=True)
 class Artifact:
     """One published file."""
@@ -103,7 +108,8 @@ class Job:
     id: str
     state: JobState
     attempt: int
-    kind: str = "fit"
+    kind: str = FIT
+    """FIT or EXTRACTION: what its worker does."""
     parent: str = ""
     owner: str = ""
     """Whose it is: the id of an API key, or "" where none is needed."""

@@ -159,7 +159,7 @@ async def submit(
         job = await to_thread.run_sync(
             state.intake.submit, caller, submission, idempotency_key, limiter=_SUBMISSIONS
         )
-    return await to_thread.run_sync(_accepted, state, job, response)
+    return await to_thread.run_sync(accepted, state, job, response)
 
 
 @router.get("/jobs", responses=problems("request.invalid"))
@@ -215,7 +215,7 @@ def cancel(
 ) -> JobOut:
     """Ask the job to stop; one that has ended stays as it is."""
     job = state.jobs.cancel(caller, job_id, keep=keep is Keep.RESULT)
-    return _accepted(state, job, response)
+    return accepted(state, job, response)
 
 
 @router.post(
@@ -243,7 +243,7 @@ def retry(
     """A new job on the same input, with some options changed."""
     wanted = changes or RetryIn()
     job = state.jobs.retry(caller, job_id, wanted.options, wanted.label, idempotency_key)
-    return _accepted(state, job, response)
+    return accepted(state, job, response)
 
 
 async def _next_state(state: State, caller: Caller, before: Job, seconds: float) -> Job:
@@ -257,7 +257,8 @@ async def _next_state(state: State, caller: Caller, before: Job, seconds: float)
         return job
 
 
-def _accepted(state: State, job: Job, response: Response) -> JobOut:
+def accepted(state: State, job: Job, response: Response) -> JobOut:
+    """The job as the answer to whoever made or changed it, with where to look for it."""
     response.headers["Location"] = f"/jobs/{job.id}"
     response.headers["Retry-After"] = POLL_SECONDS
     return job_out(job, state.jobs.position(job))

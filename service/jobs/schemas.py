@@ -80,7 +80,7 @@ class JobOut(BaseModel):
     model_config = ConfigDict(title="Job")
 
     id: str
-    kind: str
+    kind: str = Field(description="fit, or extraction: from the field of `parent`.")
     parent: str | None = Field(description="The job whose input or field this one uses.")
     label: str
     state: JobState
@@ -125,7 +125,7 @@ def job_out(job: Job, position: int | None) -> JobOut:
             for name, file in job.artifacts.items()
         },
         links={"self": f"/jobs/{job.id}"}
-        | {name: f"/jobs/{job.id}/{name}" for name in ("cancel", "retry", "events")}
+        | {name: f"/jobs/{job.id}/{name}" for name in ("cancel", "retry", "extractions", "events")}
         | ({"preview": f"/jobs/{job.id}/preview.glb"} if job.shown else {}),
     )
 

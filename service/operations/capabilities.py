@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 from mpf_core.cloud.limits import MINIMUM_POINTS
+from mpf_core.extraction_options import extraction_schema
 from mpf_core.options import PRESETS, options_schema, options_to_mapping
 from service.problems import catalogue
 from service.settings import Settings
@@ -48,6 +49,7 @@ class Capabilities(BaseModel):
     uploads: Uploads
     presets: dict[str, dict[str, Any]]
     options: dict[str, Any] = Field(description="JSON Schema of `options`.")
+    extraction: dict[str, Any] = Field(description="JSON Schema of an extraction's `options`.")
     problems: dict[str, CodeOut]
 
 
@@ -68,6 +70,7 @@ def capabilities(settings: Settings) -> Capabilities:
         uploads=Uploads(tus="1.0.0", href="/uploads", seconds=settings.resumable_seconds),
         presets={name: options_to_mapping(preset) for name, preset in PRESETS.items()},
         options=options_schema(),
+        extraction=extraction_schema(),
         problems={
             code: CodeOut(status=kind.status, title=kind.title)
             for code, kind in sorted(catalogue().items())

@@ -46,7 +46,10 @@ def small(**changes: Any) -> Options:
 
 
 def test_the_library_is_what_the_package_names() -> None:
-    assert set(mpf_core.__all__) == {"Options", "Reconstruction", "options_from", "reconstruct"}
+    field = {"save_field", "load_field", "extract", "slice_png"}
+    cloud = {"Options", "Reconstruction", "options_from", "reconstruct"}
+    assert set(mpf_core.__all__) == field | cloud
+    assert all(getattr(mpf_core, name) for name in mpf_core.__all__)
     assert mpf_core.reconstruct is pipeline.reconstruct
     with pytest.raises(AttributeError):
         mpf_core.nothing  # noqa: B018

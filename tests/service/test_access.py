@@ -46,7 +46,8 @@ def test_jobs_belong_to_their_key(client: TestClient, redis: Redis) -> None:
     assert client.get(f"/jobs/{job_id}", headers=bearer(anna_token)).status_code == 200
     for method, path in [
         ("GET", ""), ("GET", "/mesh.glb"), ("GET", "/events"), ("POST", "/cancel"),
-        ("POST", "/retry"), ("DELETE", ""), ("POST", "/shares"),
+        ("POST", "/retry"), ("POST", "/extractions"), ("GET", "/field.safetensors"),
+        ("DELETE", ""), ("POST", "/shares"),
     ]:  # fmt: skip
         answer = client.request(method, f"/jobs/{job_id}{path}", headers=bearer(ben_token))
         assert (answer.status_code, answer.json()["code"]) == (404, "job.not_found"), path

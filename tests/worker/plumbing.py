@@ -1,6 +1,7 @@
 """A worker whose jobs do what their input's name says: everything is real but the fit.
 
 ok        write a result
+fieldless write one without a field
 long-30   work for up to 30 s, then write a result
 show-30   the same, with previews
 line      raise Collinear
@@ -13,6 +14,7 @@ fill      write a result of 50 MB
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
@@ -53,6 +55,18 @@ def runner(run: tasks.Run) -> None:
     if word in ("long", "show", "stubborn", "burn"):
         _work(run, float(number or 60), heed=word != "stubborn", pause=0.02 * (word != "burn"))
     _write(run.out, run.job.attempt)
+    if word != "fieldless":
+        (run.out / "field.safetensors").write_bytes(b"field of " + run.job.id.encode())
+
+
+def extraction_runner(run: tasks.Run) -> None:
+    """Shows which field it was given and what was asked of it."""
+    told = {"field": run.input.read_text(), "options": dict(run.job.options)}
+    (run.out / "report.json").write_text(json.dumps(told))
+    (run.out / "mesh.glb").write_bytes(b"glTF of an extraction")
+    folder = run.out / "slices" / "r" / "z"
+    folder.mkdir(parents=True)
+    (folder / "0.png").write_bytes(b"\x89PNG\r\n\x1a\n")
 
 
 def _work(run: tasks.Run, seconds: float, *, heed: bool, pause: float) -> None:
@@ -86,6 +100,7 @@ def _write(out: Path, attempt: int) -> None:
 
 def main_of_job() -> None:
     tasks.RUNNERS["fit"] = runner
+    tasks.RUNNERS["extraction"] = extraction_runner
     job_process.main()
 
 
