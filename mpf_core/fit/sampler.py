@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mpf_core.cloud.neighbors import Neighborhoods, distance_within
-from mpf_core.fit.initialize import Initialization
+from mpf_core.fit.initialize import Initialization, Targets
 from mpf_core.options import FitOptions
+from mpf_core.parallel import shared
 
 BOX = 1.1  # Ω = [-BOX, BOX]³
-CHUNK = 100_000
-POOL = 600_000
+CHUNK = 16_384  # points whose neighbourhoods are held at once
+POOL = 400_000  # seen some twenty times each in a balanced fit
 BAND_SPACINGS = 0.25  # δ in local-fit distance, over the median spacing
 BAND_SHELLS = 3.0  # and at least this many half thicknesses of the shell
 
@@ -120,7 +121,12 @@ def warm_pools(
             _uniform(parts[3], rng),
         ]
     )
-    targets = [initialization.at(x[i : i + CHUNK]) for i in range(0, len(x), CHUNK)]
+
+    def part(rows: slice) -> list[Targets]:
+        starts = range(rows.start, rows.stop, CHUNK)
+        return [initialization.at(x[i : min(i + CHUNK, rows.stop)]) for i in starts]
+
+    targets = [one for some in shared(part, len(x)) for one in some]
     start = Pool(
         _tensor(x),
         _tensor(np.concatenate([np.sign(t.theta) for t in targets])),
