@@ -137,8 +137,12 @@ def mesh_path(directory: str | Path, row: Row) -> Path:
 
 def mpf(points: NDArray[np.float64], trial: Trial) -> Outcome:
     """Metric-Phase Fields, with the trial's options, from a file to a file as for a user."""
+    import torch
+
     from mpf_core.options import options_from
+    from mpf_core.parallel import workers
     from mpf_core.pipeline import reconstruct
+    from mpf_core.surface.extraction import extract_mesh
 
     options = options_from({"seed": trial.seed, **dict(trial.options)})
     with TemporaryDirectory() as folder:
@@ -150,7 +154,9 @@ def mpf(points: NDArray[np.float64], trial: Trial) -> Outcome:
         seconds = time.perf_counter() - begin
     told = ("timings", "extraction", "input", "fit", "surface")
     facts = {name: result.report[name] for name in told}
-    return Outcome(result.mesh, facts, seconds=seconds)
+    with workers(options.threads or torch.get_num_threads()):
+        alone = extract_mesh(result.fitted, options.surface).mesh
+    return Outcome(result.mesh, facts, alone, seconds)
 
 
 METHODS: dict[str, Method] = {"mpf": mpf}
