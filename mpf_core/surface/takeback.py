@@ -1,0 +1,116 @@
+"""How far each vertex may go before a triangle folds over, collapses or crosses another.
+
+Faces that lie along the wall their data describe cannot meet, since walls keep their distance: only
+the others and what is near them is looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from mpf_core.surface.mesh import Mesh
+from mpf_core.surface.normals import face_crosses, unit_normals
+
+FLAT = 1e-4  # of a face's area: what is left less has collapsed
+ALIGNED = 0.5  # cosine to the data's normal above which a face lies along its wall
+REACH = 4.0  # median radii of a face within which others are looked at
+SWEEPS = 4  # searches of the whole mesh
+ROUNDS = 10  # halvings of the steps in the places found by one
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Crossings = Callable[[Mesh], Indices]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """vertices, step: (v, 3); faces: (f, 3); outward: (v, 3) the data's normals."""
+
+    vertices: Array
+    faces: Indices
+    step: Array
+    outward: Array
+
+    def at(self, share: Array) -> Mesh:
+        """The mesh when each vertex takes its `share` (v,) of the step."""
+        return Mesh(self.vertices + share[:, None] * self.step, self.faces)
+
+
+def allowed_share(motion: Motion, crossings: Crossings) -> Array:
+    """(v,) share in [0, 1] of its step that each vertex may take; all zero if none is safe."""
+    share = np.ones(len(motion.vertices))
+    ring = neighbours_of(motion.faces, len(share))
+    for _ in range(SWEEPS):
+        near = _suspects(motion, share)
+        bad = _spoilt(motion, share, near, crossings)
+        if not len(bad):
+            return share
+        for _ in range(ROUNDS):
+            marked = np.zeros(len(share))
+            marked[motion.faces[bad]] = 1.0
+            reached = ring @ marked > 0
+            share[reached] *= 0.5
+            share[share < 1e-2] = 0.0
+            # No jump between who goes and who stays: that would fold the faces between.
+            share[reached] = np.minimum(share, ring @ share)[reached]
+            bad = _spoilt(motion, share, near, crossings)
+            if not len(bad):
+                break
+        else:
+            for _ in range(2):
+                marked = np.where(reached, 1.0, 0.0)
+                reached = ring @ marked > 0
+            share[reached] = 0.0
+    if len(_spoilt(motion, share, _suspects(motion, share), crossings)):
+        share[:] = 0.0
+    return share
+
+
+def _suspects(motion: Motion, share: Array) -> Indices:
+    """Faces that turned away from the data's normal or over, and those near them."""
+    mesh = motion.at(share)
+    after, before = face_crosses(mesh), face_crosses(motion.at(0 * share))
+    along = unit_normals(motion.outward[mesh.faces].sum(1))
+    area = np.linalg.norm(after, axis=1)
+    risky = np.einsum("fi,fi->f", after, along) < ALIGNED * area
+    risky |= np.einsum("fi,fi->f", after, before) <= 0
+    risky |= area < FLAT * np.linalg.norm(before, axis=1)
+    risky &= (share > 0)[mesh.faces].any(1)
+    if not risky.any():
+        return np.zeros(0, np.int64)
+    corners = mesh.vertices[mesh.faces]
+    middle = corners.mean(1)
+    reach = REACH * float(np.median(np.linalg.norm(corners[:, 0] - middle, axis=1)))
+    distance, _ = cKDTree(middle[risky]).query(middle, distance_upper_bound=reach)
+    return np.flatnonzero(np.isfinite(distance))
+
+
+def _spoilt(motion: Motion, share: Array, near: Indices, crossings: Crossings) -> Indices:
+    """Those of the faces `near` that the step folded over, flattened or led through another."""
+    if not len(near):
+        return near
+    faces = motion.faces[near]
+    mesh = Mesh(motion.at(share).vertices, faces)
+    after, before = face_crosses(mesh), face_crosses(Mesh(motion.vertices, faces))
+    moved = (share > 0)[faces].any(1)
+    folded = np.einsum("fi,fi->f", after, before) <= 0
+    folded |= np.linalg.norm(after, axis=1) < FLAT * np.linalg.norm(before, axis=1)
+    pairs = crossings(mesh)
+    # A crossing of faces that have not moved was there before.
+    new = pairs[moved[pairs].any(1)]
+    return near[np.unique(np.concatenate([np.flatnonzero(folded & moved), new.ravel()]))]
+
+
+def neighbours_of(faces: Indices, count: int) -> sparse.csr_array:
+    """(v, v) matrix that takes the mean over a vertex and those that share a face with it."""
+    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    own = np.arange(count)
+    rows, columns = np.concatenate([tail, head, own]), np.concatenate([head, tail, own])
+    graph = sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+    return sparse.csr_array(graph.multiply(1 / graph.sum(1)[:, None]))
