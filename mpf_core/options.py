@@ -163,6 +163,21 @@ class SurfaceOptions:
     slices: int = option(
         32, "φ-slice images per axis, evenly spaced over the shape.", low=0, high=64, expert=False
     )
+    fidelity: str = option(
+        "auto",
+        "The last step: vertices move onto the locally fitted data as far as the noise allows; off "
+        "leaves the mesh as the network alone has it.",
+        choices=("auto", "off"),
+        expert=False,
+    )
+    sheet_thickness: float = option(
+        0.12,
+        "Thickness that the last step gives to the shell around an open sheet: a one-layer surface "
+        "is then missed by a quarter of it on average, and the walls still stay well apart.",
+        low=0.01,
+        high=1.0,
+        unit="median distance to the sixth neighbour",
+    )
 
 
 @dataclass(frozen=True)
@@ -209,7 +224,7 @@ PRESETS: dict[str, Options] = {
             weight_phase=0.002,
             weight_normal=0.15,
         ),
-        surface=SurfaceOptions(resolution=256),
+        surface=SurfaceOptions(resolution=256, fidelity="off"),
     ),
 }
 

@@ -38,8 +38,10 @@ from mpf_core.options import Options
 from mpf_core.parallel import workers
 from mpf_core.preview import Previews, coarse_mesh
 from mpf_core.progress import CancelCheck, ProgressCallback
+from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.report import input_report, run_report, surface_report
 from mpf_core.surface.extraction import extract_mesh
+from mpf_core.surface.fidelity import onto_data
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.resolution import shell_of
 from mpf_core.watch import Clock, Watch
@@ -140,6 +142,17 @@ def _reconstructed(
     )
     fitted = FittedField(field, similarity, box, footprint)
     taken = extract_mesh(fitted, options.surface, painted=painted, cancel=watch.cancel)
+    watch.check()
+    mesh, fidelity = onto_data(
+        taken.mesh,
+        similarity,
+        start,
+        options.surface,
+        spacing=spacing,
+        crossings=self_intersections,
+        threads=threads,
+        clock=watch.clock,
+    )
 
     watch.enter("report")
     report = {
@@ -152,11 +165,11 @@ def _reconstructed(
         "frame": {"center": similarity.center.tolist(), "scale": similarity.scale},
         "fit": _fit_report(neighbours, start, log, previews),
         "extraction": taken.report,
-        "surface": surface_report(taken.mesh, cloud.points),
+        "surface": {**surface_report(mesh, cloud.points), "fidelity": fidelity},
     }
     watch.enter("done")
     report["timings"] = dict(watch.seconds)
-    return Reconstruction(fitted, taken.mesh, report)
+    return Reconstruction(fitted, mesh, report)
 
 
 def _fit_report(

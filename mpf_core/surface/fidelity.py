@@ -9,23 +9,29 @@ scatter cannot tell from the field's own surface is left to the field.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import igl
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mpf_core.cloud.neighbors import nearest
+from mpf_core.cloud.neighbors import Neighborhoods, nearest
+from mpf_core.cloud.normalize import Similarity
 from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.orientation import outward_seeds
+from mpf_core.options import SurfaceOptions
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import unit_normals, vertex_normals
-from mpf_core.surface.planes import NEIGHBOURS, Planes, in_parts, planes_of, pull
+from mpf_core.surface.patches import NEIGHBOURS, Patches, in_parts, patches_of, pull
 from mpf_core.surface.takeback import Crossings, Motion, allowed_share
 
-STEPS = 3  # moves onto the surface; the second is already a tenth of the first
-FARTHEST = 1.0  # local spacings that a vertex moves at most
+STEPS = 2  # moves onto the surface; the second is already a tenth of the first
+FARTHEST = 1.0  # local spacings that a vertex moves at most, and thicknesses of the field's shell
+SETTLED = 0.99  # trust from which a vertex is taken to reach the data
 LEAST_GAIN = 0.1  # of the step's length justified by the data, below which it is not taken
 BEHIND = 3.0  # shell half thicknesses within which a wall behind has samples of its own
 PROBES = 20_000  # vertices at which the thickness is measured
@@ -56,31 +62,92 @@ class Moved:
     thickness: tuple[float, float] | None
 
 
+def onto_data(
+    mesh: Mesh,
+    similarity: Similarity,
+    start: Initialization | None,
+    options: SurfaceOptions,
+    *,
+    spacing: float,
+    crossings: Crossings,
+    threads: int = -1,
+    clock: Callable[[], float] = time.monotonic,
+) -> tuple[Mesh, dict[str, Any]]:
+    """`mesh`, in the input's frame, moved onto the data, and what the report tells of that.
+
+    `spacing` is the cloud's, normalised: the thickness of shells is a share of it.
+    """
+    if options.fidelity == "off":
+        return mesh, {"applied": False, "reason": "switched off"}
+    if start is None:
+        return mesh, {"applied": False, "reason": "there is no local fit without a warm start"}
+    assert mesh.normals is not None
+    begin = clock()
+    moved = follow_data(
+        similarity.to_normalised(mesh.vertices),
+        mesh.faces,
+        mesh.normals,
+        start.local.neighbours,
+        start.normals,
+        of_sheets(start),
+        shell=2 * start.shell,
+        thickness=options.sheet_thickness * spacing,
+        crossings=crossings,
+        threads=threads,
+    )
+    length = similarity.length_to_input
+    report: dict[str, Any] = {
+        "applied": moved.applied,
+        "reason": "" if moved.applied else "the data say no more than the field, given their noise",
+        "share_of_the_way": round(moved.gain, 4),
+        "mean_displacement": length(moved.mean),
+        "max_displacement": length(moved.largest),
+        "bandwidth": length(moved.bandwidth),
+        "standard_error": length(moved.deviation),
+        "faces_taken_back": moved.taken_back,
+        "thickness": None,
+        "seconds": round(clock() - begin, 3),
+    }
+    if moved.thickness is not None:
+        median, least = moved.thickness
+        report["thickness"] = {"median": length(median), "min": length(least)}
+    if not moved.applied:
+        return mesh, report
+    vertices = similarity.to_input(moved.vertices)
+    return replace(mesh, vertices=vertices, normals=moved.normals), report
+
+
 def follow_data(
     vertices: Array,
     faces: Indices,
     directions: Array,
-    start: Initialization,
+    cloud: Neighborhoods,
+    normals: Array,
+    sheet: NDArray[np.bool_],
     *,
+    shell: float,
     thickness: float,
     crossings: Crossings,
     threads: int = -1,
 ) -> Moved:
-    """Move `vertices` (v, 3) with unit outward `directions` (v, 3) onto the data of `start`.
+    """Move `vertices` (v, 3) with unit outward `directions` (v, 3) onto the data.
 
-    `thickness` is that of shells around sheets; `crossings` finds pairs of faces that cross.
+    The data are the samples of `cloud` with their oriented `normals` (n, 3) and whether each is of
+    an open `sheet` (n,); `shell` is the thickness that the field was given around sheets,
+    `thickness` what they are to have; `crossings` finds pairs of faces that cross.
     """
-    cloud = start.local.neighbours
-    planes = planes_of(cloud, start.normals, _of_sheets(start), thickness, threads)
-    aim = _aim(planes, vertices, directions, threads)
-    gain = _gain(aim, planes)
+    patches = patches_of(cloud, normals, sheet, thickness, threads)
+    aim = _aim(patches, vertices, directions, threads)
+    gain = _gain(aim, patches)
     step = _shared(aim, vertices, gain, threads) if gain < 1 else aim.step
     length = np.linalg.norm(step, axis=1)
-    step *= np.minimum(1.0, FARTHEST * aim.spacing / np.maximum(length, 1e-300))[:, None]
+    reach = FARTHEST * np.maximum(aim.spacing, shell)
+    step *= np.minimum(1.0, reach / np.maximum(length, 1e-300))[:, None]
     if gain < LEAST_GAIN and not aim.back.any():
         step[:] = 0.0
-    motion = Motion(vertices, faces, step, aim.outward)
-    share = allowed_share(motion, crossings) if step.any() else np.zeros(len(vertices))
+    settled = (aim.trust > SETTLED) & (length <= reach)
+    motion = Motion(vertices, faces, step, aim.outward, settled)
+    share = allowed_share(motion, crossings) if step.any() else np.ones(len(vertices))
     moved = motion.at(share).vertices
     length = np.linalg.norm(moved - vertices, axis=1)
     applied = bool(length.any())
@@ -89,8 +156,8 @@ def follow_data(
         normals=vertex_normals(Mesh(moved, faces)) if applied else directions,
         applied=applied,
         gain=gain,
-        bandwidth=planes.bandwidth * cloud.median_spacing,
-        deviation=planes.deviation,
+        bandwidth=patches.kernel * cloud.median_spacing,
+        deviation=patches.deviation,
         mean=float(length.mean()),
         largest=float(length.max()),
         taken_back=int((share < 1)[faces].any(1).sum()),
@@ -98,7 +165,7 @@ def follow_data(
     )
 
 
-def _of_sheets(start: Initialization) -> NDArray[np.bool_]:
+def of_sheets(start: Initialization) -> NDArray[np.bool_]:
     """(n,) whether a sample has nothing behind it: no enclosed space, no samples facing away."""
     cloud, normals = start.local.neighbours, start.normals
     enclosing = outward_seeds(cloud, start.space) != 0
@@ -130,20 +197,20 @@ class _Aim:
         return np.asarray(self.front < 0.5)
 
 
-def _aim(planes: Planes, vertices: Array, directions: Array, threads: int) -> _Aim:
+def _aim(patches: Patches, vertices: Array, directions: Array, threads: int) -> _Aim:
     count = len(vertices)
     step, outward = np.empty((count, 3)), np.empty((count, 3))
     front, trust, offset, spacing = (np.empty(count) for _ in range(4))
 
     def work(part: slice) -> None:
         x, facing = vertices[part], directions[part]
-        index = nearest(planes.tree, x, min(NEIGHBOURS, len(planes.points)), 1)[1]
-        first = pull(planes, x, facing, index)
-        trust[part], front[part], offset[part] = first.trust, first.front, first.offset
-        spacing[part] = planes.spacing[index[:, 0]]
+        index = nearest(patches.tree, x, min(NEIGHBOURS, len(patches.points)), 1)[1]
+        first = pull(patches, x, facing, index)
+        trust[part], front[part], offset[part] = first.trust, first.front, first.height
+        spacing[part] = patches.spacing[index[:, 0]]
         y = x + first.step
         for _ in range(STEPS - 1):
-            y = y + pull(planes, y, facing, index).step
+            y = y + pull(patches, y, facing, index).step
         step[part] = first.trust[:, None] * (y - x)
         outward[part] = unit_normals(first.outward)
 
@@ -151,18 +218,17 @@ def _aim(planes: Planes, vertices: Array, directions: Array, threads: int) -> _A
     return _Aim(step, outward, front, trust, offset, spacing)
 
 
-def _gain(aim: _Aim, planes: Planes) -> float:
+def _gain(aim: _Aim, patches: Patches) -> float:
     """Share of the way to the data that noise leaves worth going: 1 − s²/D².
 
-    D² is the mean square distance between the field's surface and the local fit, s the standard
-    error of that fit. If the two err independently this is the combination with the least error.
+    D is the distance between the field's surface and the local fit, s the standard error of that
+    fit, both by medians. If the two err independently this combination has the least error.
     """
     own = (aim.front > 0.9) & (aim.trust > 0.9)
     if not own.any():
         return 1.0
-    error = np.abs(aim.offset[own])
-    usual = np.minimum(error, 4 * np.median(error))
-    return float(np.clip(1 - planes.deviation**2 / max(float((usual**2).mean()), 1e-300), 0, 1))
+    distance = 1.48 * float(np.median(np.abs(aim.offset[own])))
+    return float(np.clip(1 - (patches.deviation / max(distance, 1e-300)) ** 2, 0, 1))
 
 
 def _shared(aim: _Aim, vertices: Array, gain: float, threads: int) -> Array:

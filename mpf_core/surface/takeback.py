@@ -1,7 +1,7 @@
 """How far each vertex may go before a triangle folds over, collapses or crosses another.
 
-Faces that lie along the wall their data describe cannot meet, since walls keep their distance: only
-the others and what is near them is looked at.
+Faces on their data and along the wall that those describe cannot meet, since walls keep their
+distance: only the others and what is near them is looked at.
 """
 
 from __future__ import annotations
@@ -30,12 +30,14 @@ Crossings = Callable[[Mesh], Indices]
 
 @dataclass(frozen=True)
 class Motion:
-    """vertices, step: (v, 3); faces: (f, 3); outward: (v, 3) the data's normals."""
+    """vertices, step: (v, 3); faces: (f, 3); outward: (v, 3) the data's normals; settled: (v,)
+    whether the whole step leads onto the data."""
 
     vertices: Array
     faces: Indices
     step: Array
     outward: Array
+    settled: NDArray[np.bool_]
 
     def at(self, share: Array) -> Mesh:
         """The mesh when each vertex takes its `share` (v,) of the step."""
@@ -73,7 +75,7 @@ def allowed_share(motion: Motion, crossings: Crossings) -> Array:
 
 
 def _suspects(motion: Motion, share: Array) -> Indices:
-    """Faces that turned away from the data's normal or over, and those near them."""
+    """Faces that are not on the data or turned from their normal, and those near them."""
     mesh = motion.at(share)
     after, before = face_crosses(mesh), face_crosses(motion.at(0 * share))
     along = unit_normals(motion.outward[mesh.faces].sum(1))
@@ -81,7 +83,8 @@ def _suspects(motion: Motion, share: Array) -> Indices:
     risky = np.einsum("fi,fi->f", after, along) < ALIGNED * area
     risky |= np.einsum("fi,fi->f", after, before) <= 0
     risky |= area < FLAT * np.linalg.norm(before, axis=1)
-    risky &= (share > 0)[mesh.faces].any(1)
+    risky |= ~(motion.settled & (share == 1))[mesh.faces].all(1)
+    risky &= ((share > 0) & motion.step.any(1))[mesh.faces].any(1)
     if not risky.any():
         return np.zeros(0, np.int64)
     corners = mesh.vertices[mesh.faces]

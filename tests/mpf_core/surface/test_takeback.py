@@ -1,0 +1,78 @@
+"""Steps are shortened where triangles would fold, collapse or cross, and only there."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpf_core.quality.intersections import self_intersections
+from mpf_core.surface.mesh import Mesh
+from mpf_core.surface.normals import face_crosses
+from mpf_core.surface.takeback import Motion, allowed_share
+
+Floats = NDArray[np.float64]
+
+
+def square(height: float, size: int = 12) -> tuple[Floats, NDArray[np.int64]]:
+    axis = np.linspace(0, 1, size)
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    vertices = np.stack([x.ravel(), y.ravel(), np.full(size * size, height)], axis=1)
+    corner = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).ravel()
+    faces = np.concatenate(
+        [
+            np.stack([corner, corner + size, corner + 1], axis=1),
+            np.stack([corner + 1, corner + size, corner + size + 1], axis=1),
+        ]
+    )
+    return vertices, faces
+
+
+def upward(vertices: Floats, faces: NDArray[np.int64], step: Floats) -> Motion:
+    up = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
+    return Motion(vertices, faces, step, up, np.ones(len(vertices), dtype=bool))
+
+
+def spoilt(motion: Motion, share: Floats) -> int:
+    mesh = motion.at(share)
+    before = face_crosses(Mesh(motion.vertices, motion.faces))
+    folded = (np.einsum("fi,fi->f", face_crosses(mesh), before) <= 0).sum()
+    return int(folded) + len(self_intersections(mesh))
+
+
+def test_a_harmless_step_is_taken_whole() -> None:
+    vertices, faces = square(0.0)
+    step = np.zeros_like(vertices)
+    step[:, 2] = 0.1 * np.sin(3 * vertices[:, 0])
+    motion = upward(vertices, faces, step)
+    assert (allowed_share(motion, self_intersections) == 1).all()
+
+
+def test_a_vertex_that_folds_its_triangles_stays_back_alone() -> None:
+    vertices, faces = square(0.0)
+    step = np.zeros_like(vertices)
+    middle = 5 * 12 + 5
+    step[middle] = [0.4, 0.0, 0.0]
+    motion = upward(vertices, faces, step)
+    assert spoilt(motion, np.ones(len(vertices))) > 0
+    share = allowed_share(motion, self_intersections)
+    assert spoilt(motion, share) == 0
+    far = np.linalg.norm(vertices - vertices[middle], axis=1) > 0.5
+    assert (share[far] == 1).all()
+
+
+def test_walls_that_would_change_places_do_not() -> None:
+    low, faces = square(0.0)
+    high, _ = square(0.05)
+    vertices = np.concatenate([low, high])
+    both = np.concatenate([faces[:, ::-1], faces + len(low)])
+    step = np.zeros_like(vertices)
+    # A bump of the lower wall through the upper one.
+    bump = np.exp(-((low[:, :2] - 0.5) ** 2).sum(1) / 0.02)
+    step[: len(low), 2] = 0.12 * bump
+    outward = np.zeros_like(vertices)
+    outward[: len(low), 2], outward[len(low) :, 2] = -1, 1
+    motion = Motion(vertices, both, step, outward, ~step.any(axis=1))
+    assert spoilt(motion, np.ones(len(vertices))) > 0
+    share = allowed_share(motion, self_intersections)
+    assert spoilt(motion, share) == 0
+    assert share.max() == 1
