@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 from mpf_core.cloud.neighbors import Neighborhoods, nearest
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.fit.initialize import Initialization
-from mpf_core.fit.orientation import outward_seeds
+from mpf_core.fit.sides import Sides
 from mpf_core.options import SurfaceOptions
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import unit_normals, vertex_normals
@@ -33,7 +33,6 @@ STEPS = 2  # moves onto the surface; the second is already a tenth of the first
 FARTHEST = 1.0  # local spacings that a vertex moves at most, and thicknesses of the field's shell
 SETTLED = 0.99  # trust from which a vertex is taken to reach the data
 LEAST_GAIN = 0.1  # of the step's length justified by the data, below which it is not taken
-BEHIND = 3.0  # shell half thicknesses within which a wall behind has samples of its own
 PROBES = 20_000  # vertices at which the thickness is measured
 
 Array = NDArray[np.float64]
@@ -89,7 +88,7 @@ def onto_data(
         mesh.normals,
         start.local.neighbours,
         start.normals,
-        of_sheets(start),
+        sheets_of(start.bounds),
         shell=2 * start.shell,
         thickness=options.sheet_thickness * spacing,
         crossings=crossings,
@@ -123,7 +122,7 @@ def follow_data(
     directions: Array,
     cloud: Neighborhoods,
     normals: Array,
-    sheet: NDArray[np.bool_],
+    sheet: NDArray[np.int8],
     *,
     shell: float,
     thickness: float,
@@ -132,9 +131,9 @@ def follow_data(
 ) -> Moved:
     """Move `vertices` (v, 3) with unit outward `directions` (v, 3) onto the data.
 
-    The data are the samples of `cloud` with their oriented `normals` (n, 3) and whether each is of
-    an open `sheet` (n,); `shell` is the thickness that the field was given around sheets,
-    `thickness` what they are to have; `crossings` finds pairs of faces that cross.
+    The data are the samples of `cloud` with their oriented `normals` (n, 3) and what each is of,
+    `sheet` (n,) as `sheets_of` has it; `shell` is the thickness that the field was given around
+    sheets, `thickness` what they are to have; `crossings` finds pairs of faces that cross.
     """
     patches = patches_of(cloud, normals, sheet, thickness, threads)
     aim = _aim(patches, vertices, directions, threads)
@@ -165,19 +164,11 @@ def follow_data(
     )
 
 
-def of_sheets(start: Initialization) -> NDArray[np.bool_]:
-    """(n,) whether a sample has nothing behind it: no enclosed space, no samples facing away."""
-    cloud, normals = start.local.neighbours, start.normals
-    enclosing = outward_seeds(cloud, start.space) != 0
-    distance, index = nearest(cloud.tree, cloud.points, NEIGHBOURS)
-    offset = cloud.points[index] - cloud.points[:, None]
-    depth = -np.einsum("nki,ni->nk", offset, normals)
-    away = np.einsum("nki,ni->nk", normals[index], normals) < -0.5
-    reach = np.minimum(distance, 2 * cloud.spacing[:, None])
-    behind = away & (depth > 0) & (depth < BEHIND * start.shell + 0.5 * reach)
-    solid = (enclosing | behind.any(1)).astype(np.float64)
-    # One sample's finding is not to be trusted against its neighbours'.
-    return np.asarray(solid[index].mean(1) < 0.5)
+def sheets_of(bounds: Sides) -> NDArray[np.int8]:
+    """(n,) 1 for samples of sheets in free space, −1 for those inside a solid, 0 for solids."""
+    free = 1 - bounds.solid - bounds.buried
+    most = np.argmax([bounds.solid, free, bounds.buried], axis=0)
+    return np.array([0, 1, -1], np.int8)[most]
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,8 @@ Indices = NDArray[np.int64]
 @dataclass(frozen=True)
 class Patches:
     """n patches. points, normals: (n, 3); curvature: (n, 3, 3) K; spacing: (n,) local;
-    sheet: (n,) whether a patch is of an open sheet; thickness: t of the shell around those;
+    sheet: (n,) 1 for a patch of an open sheet, −1 for one of a sheet inside a solid, whose shell is
+    empty and has its faces the other way round, 0 for solids; thickness: t of the shells;
     kernel: of the fits, over the spacing; deviation: standard error of a patch's height, from how
     well its neighbours predict it."""
 
@@ -50,7 +51,7 @@ class Patches:
     normals: Single
     curvature: Single
     spacing: Single
-    sheet: NDArray[np.bool_]
+    sheet: NDArray[np.int8]
     thickness: float
     kernel: float
     deviation: float
@@ -75,11 +76,11 @@ class Pull:
 def patches_of(
     cloud: Neighborhoods,
     normals: Array,
-    sheet: NDArray[np.bool_],
+    sheet: NDArray[np.int8],
     thickness: float,
     threads: int = -1,
 ) -> Patches:
-    """The patches of a cloud with oriented `normals` (n, 3).
+    """The patches of a cloud with oriented `normals` (n, 3); `sheet` (n,) as in Patches.
 
     The kernel is the one with which neighbours predict left-out samples best; beyond the narrowest,
     samples move onto their patches, since then they scatter about the surface.
@@ -185,11 +186,13 @@ def _quadric(
 
 def pull(patches: Patches, x: Array, direction: Array, index: Indices) -> Pull:
     """The pull of the patches `index` (m, k) on x (m, 3) with unit outward `direction` (m, 3)."""
-    normals, sheet = patches.normals[index], patches.sheet[index]
+    normals, kind = patches.normals[index], patches.sheet[index]
+    sheet = kind != 0
     offset = x.astype(np.float32)[:, None] - patches.points[index]
     spacing = patches.spacing[index[:, 0]]
     facing = np.einsum("mki,mi->mk", normals, direction.astype(np.float32))
     square = np.einsum("mki,mki->mk", offset, offset)
+    facing *= np.where(kind < 0, np.float32(-1), np.float32(1))
     agree = np.where(sheet, np.abs(facing), facing)
     log_weight = -square / (2 * (BLEND * spacing[:, None]) ** 2) - 2 * (1 - agree) / FACING**2
     weight = np.exp(log_weight - log_weight.max(1, keepdims=True))
@@ -203,7 +206,8 @@ def pull(patches: Patches, x: Array, direction: Array, index: Indices) -> Pull:
     wanted = weight * (height + (1 - front) * np.float32(patches.thickness))
     # Divided by |Σ w n|², one step leads to an edge between patches as it does to a single one.
     step = -np.einsum("mk,mki->mi", wanted, slope) / np.maximum(length, 0.3)[:, None]
-    outward = np.einsum("mk,mki->mi", weight * (2 * front - 1), slope)
+    turn = np.where(kind < 0, 1 - 2 * front, 2 * front - 1)
+    outward = np.einsum("mk,mki->mi", weight * turn, slope)
     # The second wall of a shell may be farther behind the data than the data are apart.
     aside = square - np.where(sheet, height * height, np.float32(0))
     away = np.sqrt(np.maximum((weight * aside).sum(1), 0)) / spacing

@@ -39,7 +39,7 @@ class Case:
         cloud = analyse(self.points, threads=1)
         return follow_data(
             self.vertices, self.faces, self.directions, cloud, self.normals,
-            np.full(len(self.points), sheet), shell=SHELL if sheet else 0.0, thickness=thickness,
+            np.full(len(self.points), sheet, np.int8), shell=SHELL, thickness=thickness,
             crossings=self_intersections, threads=1,
         )  # fmt: skip
 
