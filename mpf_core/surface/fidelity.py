@@ -168,7 +168,8 @@ def sheets_of(bounds: Sides) -> NDArray[np.int8]:
     """(n,) 1 for samples of sheets in free space, −1 for those inside a solid, 0 for solids."""
     free = 1 - bounds.solid - bounds.buried
     most = np.argmax([bounds.solid, free, bounds.buried], axis=0)
-    return np.array([0, 1, -1], np.int8)[most]
+    kinds: NDArray[np.int8] = np.array([0, 1, -1], np.int8)[most]
+    return kinds
 
 
 @dataclass(frozen=True)
@@ -203,7 +204,7 @@ def _aim(patches: Patches, vertices: Array, directions: Array, threads: int) -> 
         for _ in range(STEPS - 1):
             y = y + pull(patches, y, facing, index).step
         step[part] = first.trust[:, None] * (y - x)
-        outward[part] = unit_normals(first.outward)
+        outward[part] = unit_normals(first.outward.astype(np.float64))
 
     in_parts(work, count, threads)
     return _Aim(step, outward, front, trust, offset, spacing)

@@ -101,13 +101,14 @@ def _spoilt(motion: Motion, share: Array, near: Indices, crossings: Crossings) -
     faces = motion.faces[near]
     mesh = Mesh(motion.at(share).vertices, faces)
     after, before = face_crosses(mesh), face_crosses(Mesh(motion.vertices, faces))
-    moved = (share > 0)[faces].any(1)
-    folded = np.einsum("fi,fi->f", after, before) <= 0
+    moved = np.asarray((share > 0)[faces].any(1))
+    folded = np.asarray(np.einsum("fi,fi->f", after, before) <= 0)
     folded |= np.linalg.norm(after, axis=1) < FLAT * np.linalg.norm(before, axis=1)
     pairs = crossings(mesh)
     # A crossing of faces that have not moved was there before.
     new = pairs[moved[pairs].any(1)]
-    return near[np.unique(np.concatenate([np.flatnonzero(folded & moved), new.ravel()]))]
+    spoilt: Indices = np.unique(np.concatenate([np.flatnonzero(folded & moved), new.ravel()]))
+    return near[spoilt]
 
 
 def neighbours_of(faces: Indices, count: int) -> sparse.csr_array:
