@@ -1,8 +1,8 @@
 """What a caller may choose, written once: the HTTP schema and the command's flags derive from it.
 
 `Options` is a value. A preset is such a value with a name, nothing else; `options_from` starts at
-a preset and replaces what a caller names. Callers see one flat namespace of fields; the two groups
-(`fit`, `surface`) only say which room reads them. Lengths are in normalised units ([-1, 1]³).
+a preset and replaces what a caller names. Callers see one flat namespace of fields; the groups
+(`fit`, `surface`, `data`) only say which room reads them. Lengths are normalised ([-1, 1]³).
 """
 
 from __future__ import annotations
@@ -163,6 +163,13 @@ class SurfaceOptions:
     slices: int = option(
         32, "φ-slice images per axis, evenly spaced over the shape.", low=0, high=64, expert=False
     )
+
+
+@dataclass(frozen=True)
+class DataOptions:
+    """How the mesh follows the data once it is taken from the field. This needs the samples: a mesh
+    taken from a stored field is the network's own."""
+
     fidelity: str = option(
         "auto",
         "The last step: vertices move onto the locally fitted data as far as the noise allows; off "
@@ -197,6 +204,7 @@ class Options:
     )
     fit: FitOptions = field(default_factory=FitOptions)
     surface: SurfaceOptions = field(default_factory=SurfaceOptions)
+    data: DataOptions = field(default_factory=DataOptions)
 
 
 PRESETS: dict[str, Options] = {
@@ -224,7 +232,8 @@ PRESETS: dict[str, Options] = {
             weight_phase=0.002,
             weight_normal=0.15,
         ),
-        surface=SurfaceOptions(resolution=256, fidelity="off"),
+        surface=SurfaceOptions(resolution=256),
+        data=DataOptions(fidelity="off"),
     ),
 }
 

@@ -147,7 +147,7 @@ def _reconstructed(
         taken.mesh,
         similarity,
         start,
-        options.surface,
+        options.data,
         spacing=spacing,
         crossings=self_intersections,
         threads=threads,

@@ -23,7 +23,7 @@ from mpf_core.cloud.neighbors import Neighborhoods, nearest
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.sides import Sides
-from mpf_core.options import SurfaceOptions
+from mpf_core.options import DataOptions
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import unit_normals, vertex_normals
 from mpf_core.surface.patches import NEIGHBOURS, Patches, in_parts, patches_of, pull
@@ -65,7 +65,7 @@ def onto_data(
     mesh: Mesh,
     similarity: Similarity,
     start: Initialization | None,
-    options: SurfaceOptions,
+    options: DataOptions,
     *,
     spacing: float,
     crossings: Crossings,

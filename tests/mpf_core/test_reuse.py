@@ -26,7 +26,7 @@ from tests.mpf_core.clouds import sphere
 
 CENTER = np.array([691_607.0, 5_334_760.0, 512.0])
 SMALL: dict[str, Any] = {"width": 16, "omega": 5.0, "max_iterations": 30, "resolution": 24}
-SMALL |= {"threads": 1, "start_points": 512, "slices": 1, "time_budget": 600.0}
+SMALL |= {"threads": 1, "start_points": 512, "slices": 1, "time_budget": 600.0, "fidelity": "off"}
 
 
 @cache
@@ -184,7 +184,7 @@ def test_reconstruct_keeps_the_field_and_extract_takes_the_mesh_again(tmp_path: 
     cloud = tmp_path / "cloud.xyz"
     np.savetxt(cloud, sphere(200))
     settings = ["--max-iterations", "20", "--threads", "1", "--set", "width=16"]
-    settings += ["--set", "start_points=512", "--resolution", "24"]
+    settings += ["--set", "start_points=512", "--resolution", "24", "--set", "fidelity=off"]
     kept, first, again = (tmp_path / n for n in ("f.safetensors", "a.ply", "b.ply"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mpf_core.pipeline.warm_pools", partial(warm_pools, size=10_000))

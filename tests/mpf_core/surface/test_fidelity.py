@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mpf_core.cloud.neighbors import analyse
 from mpf_core.cloud.normalize import Similarity
-from mpf_core.options import SurfaceOptions
+from mpf_core.options import DataOptions
 from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.topology import topology
 from mpf_core.surface.fidelity import Moved, follow_data, onto_data
@@ -198,7 +198,7 @@ def test_off_or_without_a_local_fit_the_mesh_is_the_networks(switch: str) -> Non
     given = ball()
     mesh = Mesh(given.vertices, given.faces, given.directions)
     same, report = onto_data(
-        mesh, Similarity(np.zeros(3), 1.0), None, SurfaceOptions(fidelity=switch),
+        mesh, Similarity(np.zeros(3), 1.0), None, DataOptions(fidelity=switch),
         spacing=given.spacing, crossings=self_intersections,
     )  # fmt: skip
     assert same is mesh
