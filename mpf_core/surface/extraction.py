@@ -17,7 +17,7 @@ from mpf_core.surface.bounds import BOUND
 from mpf_core.surface.finish import FLOATER_SPACINGS, finish, without_floaters
 from mpf_core.surface.isosurface import Grid, Isosurface, extract
 from mpf_core.surface.mesh import Mesh
-from mpf_core.surface.resolution import choose_resolution
+from mpf_core.surface.resolution import Fineness, choose_resolution
 
 Painted = tuple[cKDTree, NDArray[np.uint8]]
 
@@ -44,9 +44,9 @@ def extract_mesh(
     ResolutionTooHigh, Cancelled.
     """
     footprint = fitted.footprint
-    resolution, reason = choose_resolution(options, footprint)
+    fineness = choose_resolution(options, footprint)
     asked = options.resolution is not None
-    surface, resolution = _zero_level(fitted, resolution, asked, cancel)
+    surface, resolution = _zero_level(fitted, fineness, asked, cancel)
     # A piece is a floater by its distance to the samples, of which the footprint keeps some.
     spacing = footprint.spacing + footprint.cover / FLOATER_SPACINGS
     vertices, faces, floaters = without_floaters(surface, footprint.tree, spacing)
@@ -55,7 +55,8 @@ def extract_mesh(
     mesh = finish(vertices, faces, gradient_of(fitted.field), fitted.similarity, painted)
     report = {
         "resolution": resolution,
-        "reason": reason,
+        "finer": list(fineness.finer),
+        "reason": fineness.reason,
         "cell": fitted.similarity.length_to_input(surface.grid.cell),
         "evaluations": surface.evaluations,
         "crossed_cells": surface.crossed_cells,
@@ -66,12 +67,12 @@ def extract_mesh(
 
 
 def _zero_level(
-    fitted: FittedField, resolution: int, asked: bool, cancel: CancelCheck | None
+    fitted: FittedField, fineness: Fineness, asked: bool, cancel: CancelCheck | None
 ) -> tuple[Isosurface, int]:
-    footprint = fitted.footprint
+    footprint, resolution = fitted.footprint, fineness.cells
     reach = footprint.reach + footprint.cover
     while True:
-        grid = Grid.around(fitted.box[0], fitted.box[1], resolution)
+        grid = Grid.around(fitted.box[0], fitted.box[1], resolution, fineness.finer)
         try:
             surface = extract(
                 theta_of(fitted.field), grid, footprint.tree, reach=reach, cancel=cancel

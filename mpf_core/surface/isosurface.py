@@ -60,7 +60,7 @@ def extract(
 
     def near(cells: Cells, size: int) -> NDArray[np.bool_]:
         edges = grid.steps * size
-        if edges.min() < reach:
+        if edges.max() < reach:
             return np.zeros(len(cells), dtype=bool)
         within = float(np.linalg.norm(edges)) / 2 + reach
         return np.isfinite(distance_within(samples, grid.points(cells) + edges / 2, within))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from mpf_core.field.footprint import Footprint
 from mpf_core.fit.initialize import Initialization
@@ -12,6 +15,20 @@ CELLS_PER_SPACING = 3.0  # finer cells than a third of the spacing show the netw
 CELLS_PER_SHELL = 3.0  # at two, a shell that the fit left a little thinner is perforated
 SHEETS_FROM = 0.9  # share of samples that bound enclosed space below which there are sheets
 LOWEST, HIGHEST = 96, 512
+# Walls thinner than a cell are perforated. For them, and no further, the grid may be finer.
+LEAST_PER_WALL, HIGHEST_OF_ALL = 1.4, 1024
+FLAT = 0.02  # of the longest extent: along a shorter one, cells are made finer by themselves
+MOST_FINER = 16
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """cells: along the longest side (2 in normalised units); finer: how many times finer they are
+    along x, y and z; reason: why, for the report."""
+
+    cells: int
+    finer: tuple[int, int, int]
+    reason: str
 
 
 def shell_of(start: Initialization | None) -> float | None:
@@ -24,18 +41,46 @@ def shell_of(start: Initialization | None) -> float | None:
     return thickness if np.isfinite(thickness) else None
 
 
-def choose_resolution(options: SurfaceOptions, footprint: Footprint) -> tuple[int, str]:
-    """Cells along the longest side (2 in normalised units), and why."""
+def choose_resolution(options: SurfaceOptions, footprint: Footprint) -> Fineness:
+    """How fine the grid must be for these samples and walls, and why."""
+    flat = _flat_axes(footprint)
     if options.resolution is not None:
-        return options.resolution, "as asked"
-    cell, why = footprint.reach / CELLS_PER_SPACING, "three cells a sample spacing"
-    if footprint.thickness is not None and footprint.thickness / CELLS_PER_SHELL < cell:
-        cell = footprint.thickness / CELLS_PER_SHELL
-        why = "three cells across the thinnest wall or shell"
+        cells, why = options.resolution, "as asked"
+    else:
+        thickness = None if flat.any() else footprint.thickness
+        cells, why = _cells(footprint.reach, thickness)
+    finer = np.ones(3, dtype=np.int64)
+    for axis in np.flatnonzero(flat):
+        across = footprint.thickness or max(_extents(footprint)[axis], 1e-9)
+        wanted = np.ceil(CELLS_PER_SHELL * 2.0 / cells / across)
+        finer[axis] = np.clip(wanted, 1, MOST_FINER)
+    for axis in np.flatnonzero(finer > 1):
+        why += f"; {finer[axis]} times finer along {'xyz'[axis]}, where all is thin"
+    return Fineness(cells, (int(finer[0]), int(finer[1]), int(finer[2])), why)
+
+
+def _cells(spacing: float, thickness: float | None) -> tuple[int, str]:
+    cell, why = spacing / CELLS_PER_SPACING, "three cells a sample spacing"
+    highest = HIGHEST
+    if thickness is not None and thickness / CELLS_PER_SHELL < cell:
+        cell, why = thickness / CELLS_PER_SHELL, "three cells across the thinnest wall or shell"
+        highest = min(max(HIGHEST, round(2.0 * LEAST_PER_WALL / thickness)), HIGHEST_OF_ALL)
     wanted = round(2.0 / cell)
-    resolution = min(max(wanted, LOWEST), HIGHEST)
-    if resolution < wanted:
-        why += f", held to {HIGHEST}"
-    elif resolution > wanted:
+    cells = min(max(wanted, LOWEST), highest)
+    if cells < wanted:
+        why += f", held to {highest}"
+    elif cells > wanted:
         why += f", raised to {LOWEST}"
-    return resolution, why
+    return cells, why
+
+
+def _extents(footprint: Footprint) -> NDArray[np.float64]:
+    extents: NDArray[np.float64] = np.ptp(footprint.points, axis=0)
+    return extents
+
+
+def _flat_axes(footprint: Footprint) -> NDArray[np.bool_]:
+    """(3,) axes along which the whole cloud is one thin wall."""
+    extents = _extents(footprint)
+    flat: NDArray[np.bool_] = extents < FLAT * extents.max()
+    return flat
