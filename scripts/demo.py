@@ -284,7 +284,7 @@ def _make_sample(name: str | None, out: Path) -> Path:
 
 def _remove_old(out: Path) -> None:
     """What an earlier demo left, so that nothing of it is taken for the new result."""
-    names = ("mesh.glb", "mesh.ply", "report.json", "picture.png")
+    names = ("mesh.glb", "mesh.ply", "field.safetensors", "report.json", "picture.png")
     for path in (*(out / name for name in names), *out.glob("slices/[xyz]/*.png")):
         path.unlink(missing_ok=True)
 
@@ -300,11 +300,12 @@ def _tell(out: Path, seconds: float) -> None:
         ("picture.png", "the points and the surface"),
         ("mesh.glb", "the surface for viewers and browsers"),
         ("mesh.ply", "the surface for tools that measure"),
+        ("field.safetensors", "the fitted field, for mpf extract and mpf slice"),
         ("slices/", "cuts through the field φ, along x, y and z"),
         ("report.json", "options, timings, distances, topology"),
         ("service.log", "what the service said"),
     ):
-        click.echo(f"  {name:<13}{about}")
+        click.echo(f"  {name:<19}{about}")
 
 
 def _say(text: str) -> None:
