@@ -36,8 +36,9 @@ def extract(
 ) -> Extraction:
     """The surface of a fitted field as a mesh, and what the report tells of how it was taken.
 
-    At the same resolution and with as many threads it is the mesh of the run that fitted the field,
-    bit for bit; colours are those of the samples that the field keeps. Raises NoSurface,
+    At the same resolution and with as many threads it is what the run that fitted the field took
+    from it, bit for bit, before the vertices moved onto the data (option `fidelity`): that needs
+    the cloud. Colours are those of the samples that the field keeps. Raises NoSurface,
     ResolutionTooHigh, Cancelled.
     """
     with workers(threads or torch.get_num_threads()):
