@@ -45,6 +45,7 @@ def create_app(settings: Settings) -> FastAPI:
         state.resumable.prepare()
         yield
         await state.hub.close()
+        await state.polls.close()
         state.redis.close()
 
     app = FastAPI(

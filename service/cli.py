@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import click
+
+# Between two turns of threads. Uploads are parsed and hashed in threads; polls wait for a turn.
+SWITCH_SECONDS = 0.001
 
 
 @click.command()
@@ -70,6 +74,7 @@ def api(host: str, port: int, fd: int | None) -> None:
         raise click.ClickException(str(error)) from error
     except RedisError:
         pass  # Redis may come later; until then the API answers 503
+    sys.setswitchinterval(SWITCH_SECONDS)
     uvicorn.run(
         create_app(settings),
         host=host,

@@ -14,6 +14,7 @@ from service.connection import connect
 from service.events.hub import Hub
 from service.events.store import EventStore
 from service.jobs.commands import JobCommands
+from service.jobs.polls import Polls
 from service.jobs.queue import JobQueue
 from service.jobs.store import JobStore
 from service.operations.health import Health
@@ -37,6 +38,7 @@ class State:
     events: EventStore
     webhooks: WebhookStore
     hub: Hub
+    polls: Polls
     jobs: JobCommands
     receiver: Receiver
     resumable: ResumableStore
@@ -64,6 +66,7 @@ def build_state(settings: Settings) -> State:
         events=EventStore(redis),
         webhooks=WebhookStore(redis),
         hub=Hub(settings),
+        polls=Polls(settings),
         jobs=commands,
         receiver=Receiver(artifacts, settings),
         resumable=resumable,

@@ -68,12 +68,7 @@ class JobCommands:
 
     def get(self, caller: Caller, job_id: str) -> Job:
         """The job; raises Problem `job.not_found` or `job.expired`."""
-        return _shown(self._store.get(job_id), caller, job_id)
-
-    def look(self, caller: Caller, job_id: str) -> tuple[Job, int | None]:
-        """The job, and the jobs before it."""
-        job, position = self._store.look(job_id)
-        return _shown(job, caller, job_id), position
+        return visible(self._store.get(job_id), caller, job_id)
 
     def position(self, job: Job) -> int | None:
         """Jobs before this one in the queue."""
@@ -233,7 +228,7 @@ class JobCommands:
         raise _full()
 
 
-def _shown(job: Job | None, caller: Caller, job_id: str) -> Job:
+def visible(job: Job | None, caller: Caller, job_id: str) -> Job:
     """The job as this caller may see it; raises Problem if that is not at all."""
     if job is None or job.owner != caller.owner:
         raise not_found(job_id)

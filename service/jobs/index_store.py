@@ -73,14 +73,6 @@ class JobIndex:
         record = self._redis.hgetall(record_key(job_id))
         return _job(record) if record else None
 
-    def look(self, job_id: str) -> tuple[Job | None, int | None]:
-        """The job and how many queued jobs are before it, in one round trip: polls are many."""
-        with self._redis.pipeline(transaction=False) as pipeline:
-            pipeline.hgetall(record_key(job_id))
-            pipeline.zrank(INDEX_PREFIX + JobState.QUEUED, job_id)
-            record, rank = pipeline.execute()
-        return (_job(record) if record else None), (None if rank is None else int(rank))
-
     def in_state(self, state: JobState) -> list[str]:
         """Ids of the jobs in `state`, the longest there first."""
         return [text_of(job_id) for job_id in self._redis.zrange(INDEX_PREFIX + state, 0, -1)]
@@ -154,6 +146,21 @@ class JobIndex:
             for job_id in job_ids:
                 pipeline.hgetall(record_key(job_id))
             yield from (_job(record) for record in pipeline.execute() if record)
+
+
+Looked = tuple[Job | None, int | None]
+"""A job, and how many queued jobs are before it (None unless it is queued itself)."""
+
+
+def ask(pipeline: Any, job_id: str) -> None:
+    """Put the two questions of `looked` into a pipeline, of either kind of client."""
+    pipeline.hgetall(record_key(job_id))
+    pipeline.zrank(INDEX_PREFIX + JobState.QUEUED, job_id)
+
+
+def looked(record: Any, rank: Any) -> Looked:
+    """What the answers to `ask` say."""
+    return (_job(record) if record else None), (None if rank is None else int(rank))
 
 
 def _job(record: Any) -> Job:

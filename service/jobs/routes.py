@@ -12,7 +12,7 @@ from fastapi import APIRouter, Header, Path, Query, Request, Response
 from mpf_core.options import options_schema
 from service.access.caller import Caller
 from service.access.dependency import CallerDep
-from service.jobs.commands import Filter
+from service.jobs.commands import Filter, visible
 from service.jobs.model import Job, JobState
 from service.jobs.schemas import JobListOut, JobOut, RetryIn, cursor_from, job_out, place_from
 from service.problems import catalogue
@@ -190,10 +190,9 @@ async def show(
     ] = 0.0,
 ) -> JobOut:
     """The job as it stands, or as soon as its state is another."""
-    job, position = await to_thread.run_sync(state.jobs.look, caller, job_id)
+    job, position = await _look(state, caller, job_id)
     if wait and not job.ended:
-        job = await _next_state(state, caller, job, wait)
-        position = await to_thread.run_sync(state.jobs.position, job)
+        job, position = await _next_state(state, caller, job, wait)
     if not job.ended:
         response.headers["Retry-After"] = POLL_SECONDS
     return job_out(job, position)
@@ -246,15 +245,22 @@ def retry(
     return accepted(state, job, response)
 
 
-async def _next_state(state: State, caller: Caller, before: Job, seconds: float) -> Job:
+async def _look(state: State, caller: Caller, job_id: str) -> tuple[Job, int | None]:
+    found, position = await state.polls.look(job_id)
+    return visible(found, caller, job_id), position
+
+
+async def _next_state(
+    state: State, caller: Caller, before: Job, seconds: float
+) -> tuple[Job, int | None]:
     deadline = time.monotonic() + seconds
     with state.hub.watching(before.id) as watcher:
         # Read after the watch has begun, so that no change falls between the two.
-        job = await to_thread.run_sync(state.jobs.get, caller, before.id)
+        job, position = await _look(state, caller, before.id)
         while job.state is before.state and (left := deadline - time.monotonic()) > 0:
             if await watcher.wait(left) and watcher.state != before.state:
-                job = await to_thread.run_sync(state.jobs.get, caller, before.id)
-        return job
+                job, position = await _look(state, caller, before.id)
+        return job, position
 
 
 def accepted(state: State, job: Job, response: Response) -> JobOut:
