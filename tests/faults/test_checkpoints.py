@@ -15,7 +15,7 @@ from mpf_core.fit.trainer import KEEP_EVERY
 from service.app import create_app
 from service.settings import Settings
 from tests.processes import children_of
-from tests.services import form, running_worker, sphere_xyz, wait_for
+from tests.services import form, running_worker, sphere_xyz, tell, wait_for
 
 pytestmark = pytest.mark.slow
 
@@ -70,6 +70,7 @@ def test_what_was_fitted_is_not_lost(client: TestClient, settings: Settings) -> 
         second = fit.wait(2)
         pace = killed_at["iteration"] / killed_at["seconds"]
         lost = (killed_at["iteration"] - second["iteration"]) / pace
+        tell(f"SIGKILL: {lost:.1f} s of fitting lost")
         assert lost < LOST_SECONDS
         assert second["iteration"] > 20  # the first report of a fit that begins anew
 
@@ -79,7 +80,9 @@ def test_what_was_fitted_is_not_lost(client: TestClient, settings: Settings) -> 
         assert worker.wait(60) == 0
     assert client.get(fit.url).json()["state"] == "queued"
     with running_worker(settings, WORKER) as worker:
-        assert fit.wait(3)["iteration"] >= before
+        third = fit.wait(3)["iteration"]
+        tell(f"SIGTERM: at iteration {before} when told, went on before {third}")
+        assert third >= before
         worker.terminate()
         assert worker.wait(60) == 0
 

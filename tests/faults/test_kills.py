@@ -27,6 +27,7 @@ from tests.services import (
     form,
     running_api,
     settings_for,
+    tell,
     wait_for,
 )
 
@@ -112,6 +113,7 @@ def test_workers_and_job_processes_killed_at_random(own_server: Server, tmp_path
             assert len(list((settings.data_dir / "jobs" / job_id).glob("result-*"))) >= 1
         redis.close()
         assert sum(attempts.values()) == 20
+        tell(f"20 jobs, {kills} kills, attempts at a job: {dict(sorted(attempts.items()))}")
         assert max(attempts) > 1
         running_jobs = {pid for parent in workers.pids() for pid in children_of(parent)}
         wait_for(
@@ -158,6 +160,7 @@ def test_valkey_killed_while_jobs_are_queued_running_and_submitted(
         submitting.join(40)
         assert refused
         assert len(accepted) > 4
+        tell(f"2 kills of Valkey, {len(accepted)} accepted, {len(refused)} answered 503")
         finish(
             workers,
             lambda: states(api, accepted)["succeeded"] == len(accepted),

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.load import measure
-from tests.services import Server
+from tests.services import Server, tell
 
 pytestmark = pytest.mark.slow
 
@@ -19,6 +19,7 @@ POLLERS, UPLOADERS = 200, 20
 
 def test_everybody_is_answered_under_load(own_server: Server, tmp_path: Path) -> None:
     found = measure(own_server, tmp_path, seconds=15.0, pollers=POLLERS, uploaders=UPLOADERS)
+    tell(str(found))
     assert not found.errors, found.errors[:3]
     assert len(found.times) >= POLLERS
     assert found.uploads >= UPLOADERS
