@@ -47,6 +47,9 @@ def main() -> None:
 @click.option("--max-iterations", type=int, help="Cap on optimiser steps.")
 @click.option("--time-budget", type=float, help="Cap on the whole run, in seconds.")
 @click.option("--resolution", type=int, help="Grid cells along the longest side.")
+@click.option("--surface", "surface_kind", type=click.Choice(("shell", "sheet")),
+              help="Closed everywhere, or one layer on open sheets.")  # fmt: skip
+@click.option("--max-faces", type=int, help="Reduce the mesh to about so many faces.")
 @click.option("--seed", type=int, help="Seed of every random draw.")
 @click.option("--threads", type=int, help="CPU threads.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE",

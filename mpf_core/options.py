@@ -160,6 +160,38 @@ class SurfaceOptions:
         unit="cells",
         expert=False,
     )
+    surface_kind: str = option(
+        "shell",
+        "Closed everywhere, with open sheets wrapped in a thin shell; or one layer of triangles "
+        "on sheets, with a boundary where the data end. Solids stay closed in both.",
+        choices=("shell", "sheet"),
+        expert=False,
+    )
+    min_component: int = option(
+        16,
+        "Components that fewer samples than this are nearest to are removed; 16 samples are what "
+        "one normal is estimated from. The largest component always stays.",
+        low=0,
+        high=1_000_000,
+        unit="samples",
+        expert=False,
+    )
+    max_faces: int | None = option(
+        None,
+        "Reduce the mesh to at most about so many faces; the report says how far it moved.",
+        low=100,
+        high=100_000_000,
+        unit="faces",
+        expert=False,
+    )
+    smoothing: int = option(
+        0,
+        "Rounds of Taubin's filter, which evens the mesh without shrinking it. Off: the field is "
+        "smooth already, and edges would suffer.",
+        low=0,
+        high=1000,
+        unit="rounds",
+    )
     slices: int = option(
         32, "φ-slice images per axis, evenly spaced over the shape.", low=0, high=64, expert=False
     )

@@ -40,6 +40,7 @@ from mpf_core.preview import Previews, coarse_mesh
 from mpf_core.progress import CancelCheck, ProgressCallback
 from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.report import input_report, run_report, surface_report
+from mpf_core.surface.edit import edited
 from mpf_core.surface.extraction import extract_mesh
 from mpf_core.surface.fidelity import onto_data
 from mpf_core.surface.mesh import Mesh
@@ -153,6 +154,8 @@ def _reconstructed(
         threads=threads,
         clock=watch.clock,
     )
+    watch.check()
+    final = edited(mesh, options.surface, fitted, start)
 
     watch.enter("report")
     report = {
@@ -165,11 +168,16 @@ def _reconstructed(
         "frame": {"center": similarity.center.tolist(), "scale": similarity.scale},
         "fit": _fit_report(neighbours, start, log, previews),
         "extraction": taken.report,
-        "surface": {**surface_report(mesh, cloud.points), "fidelity": fidelity},
+        "surface": {
+            **surface_report(final.mesh, cloud.points),
+            "fidelity": fidelity,
+            "double_cover": final.double_cover,
+            **final.edits,
+        },
     }
     watch.enter("done")
     report["timings"] = dict(watch.seconds)
-    return Reconstruction(fitted, mesh, report)
+    return Reconstruction(fitted, final.mesh, report)
 
 
 def _fit_report(

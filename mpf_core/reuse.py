@@ -18,6 +18,7 @@ from mpf_core.parallel import workers
 from mpf_core.progress import CancelCheck, ProgressCallback
 from mpf_core.quality.report import surface_report, versions_report
 from mpf_core.results import write_report, write_stack
+from mpf_core.surface.edit import edited
 from mpf_core.surface.export import write_glb, write_ply
 from mpf_core.surface.extraction import Extraction, extract_mesh
 from mpf_core.surface.slices import cut, evenly
@@ -41,8 +42,12 @@ def extract(
     the cloud. Colours are those of the samples that the field keeps. Raises NoSurface,
     ResolutionTooHigh, Cancelled.
     """
+    options = options or SurfaceOptions()
     with workers(threads or torch.get_num_threads()):
-        return extract_mesh(fitted, options or SurfaceOptions(), cancel=cancel)
+        taken = extract_mesh(fitted, options, cancel=cancel)
+        final = edited(taken.mesh, options, fitted)
+    told = final.edits | {"double_cover": final.double_cover}
+    return Extraction(final.mesh, taken.report | told)
 
 
 def slice_png(

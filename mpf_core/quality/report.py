@@ -12,17 +12,25 @@ from numpy.typing import NDArray
 
 from mpf_core.cloud.prepare import PreparationReport
 from mpf_core.options import Options, options_to_mapping
+from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.metrics import points_to_surface
 from mpf_core.quality.topology import topology
 from mpf_core.surface.mesh import Mesh
+from mpf_core.surface.normals import enclosed_volume, face_areas
 
 PACKAGES = ("metric-phase-fields", "torch", "numpy", "scipy", "scikit-image", "trimesh")
 
 
 def surface_report(mesh: Mesh, points: NDArray[np.float64]) -> dict[str, Any]:
-    """Topology of the mesh and the distances of the input points to it, in the input's units."""
+    """Topology of the mesh, pairs of its triangles that cross, its area and, where it is closed,
+    the volume that it encloses (positive: its outside is out); and the distances of the input
+    points to it. All in the input's units."""
+    counts = topology(mesh)
     return {
-        **asdict(topology(mesh)),
+        **asdict(counts),
+        "self_intersections": len(self_intersections(mesh)),
+        "area": float(face_areas(mesh).sum()),
+        "volume": enclosed_volume(mesh) if counts.watertight else None,
         "extents": np.ptp(mesh.vertices, axis=0).tolist(),
         "input_to_surface": asdict(points_to_surface(points, mesh)),
     }

@@ -49,7 +49,9 @@ def extract_mesh(
     surface, resolution = _zero_level(fitted, fineness, asked, cancel)
     # A piece is a floater by its distance to the samples, of which the footprint keeps some.
     spacing = footprint.spacing + footprint.cover / FLOATER_SPACINGS
-    vertices, faces, floaters = without_floaters(surface, footprint.tree, spacing)
+    vertices, faces, floaters = without_floaters(
+        surface, footprint.tree, spacing, least=options.min_component
+    )
     if painted is None and footprint.colors is not None:
         painted = footprint.tree, footprint.colors
     mesh = finish(vertices, faces, gradient_of(fitted.field), fitted.similarity, painted)

@@ -21,14 +21,17 @@ FLOATER_SPACINGS = 2.0  # a component that comes no nearer to any sample is not 
 COLOR_NEIGHBOURS = 3
 
 Array = NDArray[np.float64]
+Gradient = Callable[[Array], NDArray[np.float32]]
 
 
 def without_floaters(
-    surface: Isosurface, samples: cKDTree, spacing: float
+    surface: Isosurface, samples: cKDTree, spacing: float, *, least: int = 0
 ) -> tuple[Array, NDArray[np.int64], int]:
-    """Vertices and faces without components farther than two spacings from every sample.
+    """Vertices and faces without components that the samples do not speak for.
 
-    Returns also how many were removed. If all are, all are kept: the caller sees the distances.
+    Those go that are farther than two spacings from every sample, and those that fewer than
+    `least` samples are nearest to. Returns also how many were removed. If all are far, all are
+    kept: the caller sees the distances.
     """
     faces, count = surface.faces, len(surface.vertices)
     ones = np.ones(len(faces) * 2)
@@ -38,7 +41,13 @@ def without_floaters(
     distance = distance_within(samples, surface.vertices, FLOATER_SPACINGS * spacing)
     near = np.zeros(pieces, dtype=bool)
     near[piece[np.isfinite(distance)]] = True
-    if near.all() or not near.any():
+    if not near.any():
+        return surface.vertices, faces, 0
+    if near.sum() > 1 and least > 0:
+        _, closest = cKDTree(surface.vertices).query(samples.data, workers=-1)
+        support = np.bincount(piece[closest], minlength=pieces)
+        near &= support >= min(least, support[near].max())
+    if near.all():
         return surface.vertices, faces, 0
     keep = near[piece]
     index = np.cumsum(keep) - 1
@@ -48,7 +57,7 @@ def without_floaters(
 def finish(
     vertices: Array,
     faces: NDArray[np.int64],
-    gradient: Callable[[Array], NDArray[np.float32]],
+    gradient: Gradient,
     similarity: Similarity,
     colors: tuple[cKDTree, NDArray[np.uint8]] | None,
 ) -> Mesh:
@@ -58,13 +67,12 @@ def finish(
         vertices=similarity.to_input(vertices),
         faces=faces,
         normals=normals,
-        colors=None if colors is None else _interpolated(vertices, *colors),
+        colors=None if colors is None else blended(vertices, *colors),
     )
 
 
-def _interpolated(
-    vertices: Array, samples: cKDTree, colors: NDArray[np.uint8]
-) -> NDArray[np.uint8]:
+def blended(vertices: Array, samples: cKDTree, colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(v, 3) colours at `vertices`, those of the nearest `samples` weighted by inverse distance."""
     distance, index = nearest(samples, vertices, COLOR_NEIGHBOURS)
     weight = 1 / np.maximum(distance, 1e-9)
     weight /= weight.sum(1, keepdims=True)

@@ -19,6 +19,12 @@ def face_areas(mesh: Mesh) -> NDArray[np.float64]:
     return np.asarray(np.linalg.norm(face_crosses(mesh), axis=1) / 2)
 
 
+def enclosed_volume(mesh: Mesh) -> float:
+    """Volume within a closed mesh, in cubed units; negative when its inside is turned out."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] - mesh.vertices.mean(0) for k in range(3))
+    return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)
+
+
 def face_normals(mesh: Mesh) -> NDArray[np.float64]:
     """(f, 3) unit normals; zero for triangles without area."""
     return _unit(face_crosses(mesh))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from mpf_core.errors import Cancelled, CloudError, Collinear, NotFinite, TooLarg
 from mpf_core.fit.sampler import warm_pools
 from mpf_core.options import Options
 from mpf_core.progress import Progress
+from mpf_core.surface.edit import edited
 from tests.mpf_core.clouds import Array, plane, sphere
 
 SMALL: dict[str, Any] = {
@@ -94,8 +96,27 @@ def test_the_report_tells_what_was_done(ball: Reconstruction) -> None:
     surface = report["surface"]
     assert (surface["watertight"], surface["components"]) == (True, 1)
     assert surface["euler_characteristic"] == 2
+    assert surface["self_intersections"] == surface["degenerate_faces"] == 0
+    assert surface["area"] == pytest.approx(4 * np.pi * 9, rel=0.2)
+    assert surface["volume"] == pytest.approx(4 / 3 * np.pi * 27, rel=0.2)
+    assert surface["double_cover"] is None
     assert 0 <= surface["input_to_surface"]["median"] < 0.3
     assert set(report["timings"]) == set(STAGES) - {"done"}
+
+
+def test_a_mesh_can_be_had_of_one_layer_and_with_fewer_faces(ball: Reconstruction) -> None:
+    wish = replace(small().surface, surface_kind="sheet", smoothing=3, max_faces=400)
+    final = edited(ball.mesh, wish, ball.fitted)
+    assert len(final.mesh.faces) <= 412
+    assert final.mesh.normals is not None
+    assert final.double_cover is not None  # a ball has one wall only, and stays closed
+    assert (final.double_cover["share_of_area"], final.double_cover["closed_solids"]) == (0.0, 1)
+    edits = final.edits["decimation"]
+    assert edits["faces_before"] == len(ball.mesh.faces)
+    assert edits["faces"] == len(final.mesh.faces)
+    assert 0 < edits["mean_distance"] < edits["largest_distance"] < 0.3
+    assert 0 < final.edits["smoothing"]["mean_distance"] < 0.05
+    assert edited(ball.mesh, small().surface, ball.fitted).mesh is ball.mesh
 
 
 def test_the_same_seed_gives_the_same_mesh(ball: Reconstruction) -> None:

@@ -42,6 +42,15 @@ def test_components_far_from_every_sample_go() -> None:
     assert np.array_equal(faces, expected[1])
 
 
+def test_small_components_go_by_the_samples_that_they_account_for() -> None:
+    few = np.concatenate([SAMPLES, 0.9 + 0.01 * SAMPLES[:12]])
+    whole = surface(ball(0.5), (ball(0.02)[0] + 0.9, ball(0.02)[1]))
+    for least, removed in ((0, 0), (12, 0), (13, 1), (10_000, 1)):
+        _, faces, found = without_floaters(whole, cKDTree(few), 0.1, least=least)
+        assert found == removed
+        assert len(faces) == len(whole.faces) // (1 + removed)
+
+
 def test_a_component_that_touches_the_band_stays_whole() -> None:
     whole = surface(ball(0.5), ball(0.2, 0.85))
     _, faces, removed = without_floaters(whole, cKDTree(SAMPLES), 0.1)
