@@ -73,7 +73,7 @@ def _write(name: str, output: Path, points: int | None, seed: int, truth: Path |
         click.echo(f"{truth}: its exact surface", err=True)
 
 
-EXPERIMENTS = ("thickness", "shapes", "noise", "presets")
+EXPERIMENTS = ("thickness", "shapes", "noise", "presets", "extraction")
 
 
 @click.command()
@@ -118,6 +118,9 @@ def experiment(
     from mpf_core.surface.drawing import png_bytes
 
     directory = out or Path("out") / "experiments" / (f"{name}-quick" if quick else name)
+    if name == "extraction":
+        _extraction(directory, quick, budget, as_json)
+        return
     wanted = suite.trials(
         name, quick=quick, seeds=seeds, preset=preset, budget=budget, meshes=meshes, clouds=clouds
     )
@@ -148,6 +151,18 @@ def experiment(
     click.echo(json.dumps(rows, indent=2) if as_json else table)
     if any("error" in row for row in rows):
         raise SystemExit(3)
+
+
+def _extraction(directory: Path, quick: bool, budget: float | None, as_json: bool) -> None:
+    from mpf_core.experiments import extraction
+    from mpf_core.files import write_atomically
+
+    rows = extraction.measured(directory, quick=quick, budget=budget)
+    command = "mpf experiment extraction" + (" --quick" if quick else "")
+    table = extraction.markdown(rows, command)
+    write_atomically(directory / "table.md", table.encode())
+    write_atomically(directory / "rows.json", json.dumps(rows, indent=2).encode())
+    click.echo(json.dumps(rows, indent=2) if as_json else table)
 
 
 def _check_options(trials: list[Trial]) -> None:

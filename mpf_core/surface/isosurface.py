@@ -20,9 +20,11 @@ from mpf_core.surface.triangulate import triangulated
 
 MEMORY_LIMIT = 3 * 2**30  # bytes
 BYTES_PER_CELL = 750  # peak per crossed cell: 701 at 512³ and 734 at 1024³, on a torus of area 6
-# Crossed finest cells per candidate: among cells of two a side, and at the levels before, where
-# three in four are there because of the bounds' safety.
-CROSSED_OF_PAIRS, CROSSED = 0.85, 0.35
+# Share of the finest cells in the candidates of a size that are crossed. The large ones are there
+# because of samples nearby and of the bounds' safety; to refuse what would fit is worse than to
+# look one level further.
+CROSSED = {2: 0.85, 4: 0.3}
+CROSSED_OF_LARGE = 0.12
 
 __all__ = ["Grid", "Isosurface", "extract"]
 
@@ -82,7 +84,7 @@ def extract(
 
 def _check_memory(count: int, size: int, grid: Grid, limit: int) -> None:
     # Each halving of the cells multiplies those near a surface by four.
-    needed = count * size**2 * (CROSSED_OF_PAIRS if size == 2 else CROSSED) * BYTES_PER_CELL
+    needed = count * size**2 * CROSSED.get(size, CROSSED_OF_LARGE) * BYTES_PER_CELL
     if needed > limit:
         longest = int((grid.shape // grid.finer).max())
         fits = int(longest * (limit / needed) ** 0.5)

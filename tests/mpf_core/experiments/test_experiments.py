@@ -77,7 +77,7 @@ def test_a_scan_is_measured_by_its_own_points(tmp_path: Path) -> None:
 
 
 def test_keys_tell_trials_apart() -> None:
-    every = [t for name in EXPERIMENTS for t in suite.EXPERIMENTS[name].trials(False)]
+    every = [t for name in suite.EXPERIMENTS for t in suite.EXPERIMENTS[name].trials(False)]
     seeded = [s for t in every for s in t.seeded(2)]
     assert len({t.key for t in seeded}) == len(set(seeded))
 
