@@ -182,8 +182,8 @@ def principal_axes(
     if used is not None:
         weight *= used
     weight /= weight.sum(1, keepdims=True)
-    offset = patch - np.einsum("mk,mki->mi", weight, patch)[:, None]
-    values, vectors = np.linalg.eigh(np.einsum("mk,mki,mkj->mij", weight, offset, offset))
+    offset = patch - weight[:, None] @ patch
+    values, vectors = np.linalg.eigh((weight[..., None] * offset).swapaxes(1, 2) @ offset)
     return values, vectors
 
 

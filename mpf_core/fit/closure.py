@@ -4,7 +4,8 @@ A flood leaks through any hole wider than the discs. The winding number of the o
 (Jacobson et al. 2013; for points Barill et al. 2018) is near ±1 inside a body even so. A region
 where it exceeds one half counts as enclosed only if little of its boundary is invented, that is,
 lies where there are no samples: the mouth of a bowl is large against the bowl, a gap in a scan is
-small against the body.
+small against the body. And the invented part, the lid, must go on where the surface ends: round a
+gap the surface runs towards the lid's middle, at the lip of a vase past it or away.
 """
 
 from __future__ import annotations
@@ -14,13 +15,29 @@ from dataclasses import replace
 import igl
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
 
-from mpf_core.cloud.neighbors import DISC_NEIGHBOUR, Neighborhoods
-from mpf_core.fit.freespace import INSIDE, OUTSIDE, SMALLEST_ENCLOSURE, FreeSpace, beside_inside
+from mpf_core.cloud.neighbors import DISC_NEIGHBOUR, Neighborhoods, nearest
+from mpf_core.fit.freespace import (
+    INSIDE,
+    OUTSIDE,
+    SMALLEST_ENCLOSURE,
+    SURFACE,
+    FreeSpace,
+    beside_inside,
+)
 
 COARSE = 3  # voxels per evaluation of the winding number, along each axis
 INVENTED = 0.12  # largest share of the boundary without samples
+LITTLE = 0.02  # share up to which a lid may also stand across the surface, as where feet are cut
+TOWARDS, ACROSS = (
+    0.35,
+    -0.2,
+)  # least mean cosine between the end of the surface and the lid
+# Voxels and spacings from a sample within which its normal tells the side.
+NEAR, PAST = 1.5, 0.9
 SHARP = 0.7  # winding number that the middle of a body must reach
 
 Array = NDArray[np.float64]
@@ -38,14 +55,44 @@ def close_gaps(neighbours: Neighborhoods, normals: Array, space: FreeSpace) -> F
         region = component[around] == number
         if region.sum() <= SMALLEST_ENCLOSURE or winding[around][region].max() < SHARP:
             continue
-        if _invented_share(region, empty[around]) <= INVENTED:
+        lid, share = _lid(region, empty[around])
+        corner = np.array([s.start for s in around], dtype=np.float64)
+        if share > INVENTED:
+            continue
+        course = _course(neighbours, space.position(np.argwhere(lid) + corner), space.voxel)
+        if course >= (ACROSS if share <= LITTLE else TOWARDS):
             labels[around][region] = INSIDE
             found += 1
     if not found:
         return space
     return replace(
-        space, labels=labels, near_inside=beside_inside(labels), enclosures=space.enclosures + found
+        space,
+        labels=labels,
+        near_inside=beside_inside(labels),
+        enclosures=space.enclosures + found,
     )
+
+
+def settle(
+    neighbours: Neighborhoods, normals: Array, solid: NDArray[np.bool_], space: FreeSpace
+) -> FreeSpace:
+    """`space` with the voxels labelled that discs fill although no sample is near.
+
+    Beside a solid the winding number of its samples tells the side; discs reach past edges and
+    rims, where the side that a normal suggests is worth nothing. `solid` (n,): which bound one.
+    """
+    index = np.argwhere(space.labels == SURFACE)
+    at = space.position(index.astype(np.float64))
+    distance, closest = nearest(neighbours.tree, at, 1)
+    far = np.maximum(NEAR * space.voxel, PAST * neighbours.spacing[closest[:, 0]])
+    doubtful = (distance[:, 0] > far) & solid[closest[:, 0]]
+    if not doubtful.any():
+        return space
+    area = np.pi * neighbours.disc_radius[solid] ** 2 / DISC_NEIGHBOUR
+    winding = igl.fast_winding_number(neighbours.points[solid], normals[solid], area, at[doubtful])
+    labels = space.labels.copy()
+    labels[tuple(index[doubtful].T)] = np.where(winding > 0.5, INSIDE, OUTSIDE)
+    return replace(space, labels=labels, near_inside=beside_inside(labels))
 
 
 def _winding(neighbours: Neighborhoods, normals: Array, space: FreeSpace) -> NDArray[np.float32]:
@@ -60,8 +107,9 @@ def _winding(neighbours: Neighborhoods, normals: Array, space: FreeSpace) -> NDA
     return fine[:size, :size, :size]
 
 
-def _invented_share(region: NDArray[np.bool_], empty: NDArray[np.bool_]) -> float:
-    """Share of the region's boundary that faces empty voxels rather than drawn discs."""
+def _lid(region: NDArray[np.bool_], empty: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], float]:
+    """Empty voxels that the region ends at, and their share of its boundary."""
+    lid = np.zeros_like(region)
     invented = total = 0
     for axis in range(3):
         for side in (1, -1):
@@ -69,7 +117,35 @@ def _invented_share(region: NDArray[np.bool_], empty: NDArray[np.bool_]) -> floa
             face = beyond & ~region
             total += int(face.sum())
             invented += int((face & empty).sum())
-    return invented / max(total, 1)
+            lid |= face & empty
+    return lid, invented / max(total, 1)
+
+
+def _course(neighbours: Neighborhoods, lid: Array, voxel: float) -> float:
+    """Mean cosine between the directions in which the data end at the lid (k, 3) and those to the
+    middle of its piece; 1 where nothing ends there."""
+    if not len(lid):
+        return 1.0
+    tree = cKDTree(lid)
+    pairs = tree.query_pairs(2 * voxel, output_type="ndarray")
+    links = sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(lid),) * 2)
+    _, piece = csgraph.connected_components(links, directed=False)
+    size = np.bincount(piece)
+    middle = np.stack([np.bincount(piece, lid[:, i]) / size for i in range(3)], axis=1)
+    ends = np.flatnonzero(neighbours.rim.any(1))
+    distance, index = nearest(tree, neighbours.points[ends], 1)
+    close = distance[:, 0] < 2 * voxel + neighbours.spacing[ends]
+    ends, piece_of = ends[close], piece[index[close, 0]]
+    if not len(ends):
+        return 1.0
+    towards = middle[piece_of] - neighbours.points[ends]
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True) + 1e-12
+    cosine = np.einsum("ni,ni->n", neighbours.rim[ends], towards)
+    # By pieces, each as large as it is: a wide lid counts for more than many small ones.
+    count = np.bincount(piece_of, minlength=len(size))
+    mean = np.bincount(piece_of, cosine, minlength=len(size)) / np.maximum(count, 1)
+    weight = size * (count > 0)
+    return float((mean * weight).sum() / weight.sum())
 
 
 def _step(axis: int, side: int) -> tuple[int, int, int]:

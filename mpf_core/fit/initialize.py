@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mpf_core.cloud.neighbors import CHUNK, Neighborhoods
-from mpf_core.fit.closure import close_gaps
-from mpf_core.fit.freespace import INSIDE, OUTSIDE, FreeSpace, flood
+from mpf_core.cloud.neighbors import CHUNK, Neighborhoods, nearest
+from mpf_core.fit.closure import PAST, close_gaps, settle
+from mpf_core.fit.freespace import INSIDE, OUTSIDE, SURFACE, FreeSpace, flood
 from mpf_core.fit.localfit import LocalDistance, LocalFit
 from mpf_core.fit.orientation import orient, outward_seeds
 from mpf_core.fit.sides import Sides, parted, sides
@@ -23,6 +23,8 @@ from mpf_core.fit.sides import Sides, parted, sides
 # Local spacings between which the distance to the nearest sample takes over from the local fit.
 FAR = (2.0, 3.0)
 EXPLAINED = 0.95  # share of samples that bound a solid, below which gaps are looked for
+# Samples per analysed one from which the nearest one's normal will do: seconds for millions.
+DENSE = 3
 # Half thickness ε of the shell around a sheet, normalised units. At 0.004 a tenth of a noisy helmet
 # is lost after 1000 steps, at 0.006 a thousandth; the fit ends thinner where the data allow.
 SHELL = 0.006
@@ -64,8 +66,16 @@ class Initialization:
         """(n, 3) oriented unit normals at samples (n, 3) on or close to the surface."""
         if samples is self.local.neighbours.points:
             return self.normals
-        parts = range(0, len(samples), CHUNK)
-        return np.concatenate([self.local.at(samples[i : i + CHUNK]).normal for i in parts])
+        normals = np.empty(samples.shape)
+        dense = len(samples) > DENSE * len(self.normals)
+        for i in range(0, len(samples), CHUNK):
+            part = samples[i : i + CHUNK]
+            if dense:
+                index = nearest(self.local.neighbours.tree, part, 1, self.local.threads)[1]
+                normals[i : i + CHUNK] = self.normals[index[:, 0]]
+            else:
+                normals[i : i + CHUNK] = self.local.at(part).normal
+        return normals
 
     def at(self, x: Array) -> Targets:
         """Targets at x (n, 3), normalised."""
@@ -86,13 +96,16 @@ class Initialization:
         return Targets(theta.astype(np.float32), r.astype(np.float32), side.astype(np.float32))
 
     def _body(self, near: LocalDistance, label: NDArray[np.int8], r: Array) -> Array:
-        """Signed distance to a solid: where voxels know the side it is theirs, where discs fill
-        them that of the oriented samples; a thin wall ends at its rim."""
-        known = np.where(label == INSIDE, -r, np.where(label == OUTSIDE, r, near.signed))
+        """Signed distance to a solid: by the side of the oriented samples, where a thin wall ends
+        at its rim; more than a voxel away the voxels that know a side know it better, but not
+        between the samples of a thin wall, into which a flood leaks by its rim."""
         wall = np.maximum(near.signed, near.edge)
         wall = np.where((near.signed > 0) & (near.edge > 0), r, wall)
-        layered: Array = np.where(self.local.neighbours.layered[near.first], wall, known)
-        return layered
+        layered = self.local.neighbours.layered[near.first]
+        side = np.where(layered, wall, near.signed)
+        over = layered & (near.nearest < PAST * near.spacing)
+        label = np.where((r > self.space.voxel) & ~over, label, SURFACE)
+        return np.asarray(np.where(label == INSIDE, -r, np.where(label == OUTSIDE, r, side)))
 
 
 def initialize(
@@ -109,5 +122,6 @@ def initialize(
             normals = orient(neighbours, outward_seeds(neighbours, closed))
             bounds = sides(neighbours, normals, space)
     solid = bounds.solid > 0.5
+    space = settle(neighbours, normals, solid, space)
     local = LocalFit(neighbours, normals, threads, solid)
     return Initialization(local, space, normals, float(solid.mean()), shell, bounds)
