@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpf_core.cloud.neighbors import CHUNK, Neighborhoods, nearest
-from mpf_core.fit.closure import PAST, close_gaps, settle
+from mpf_core.fit.closure import close_gaps, settle
 from mpf_core.fit.freespace import INSIDE, OUTSIDE, SURFACE, FreeSpace, flood
 from mpf_core.fit.localfit import LocalDistance, LocalFit
 from mpf_core.fit.orientation import orient, outward_seeds
@@ -103,7 +103,7 @@ class Initialization:
         wall = np.where((near.signed > 0) & (near.edge > 0), r, wall)
         layered = self.local.neighbours.layered[near.first]
         side = np.where(layered, wall, near.signed)
-        over = layered & (near.nearest < PAST * near.spacing)
+        over = layered & (near.edge <= 0)
         label = np.where((r > self.space.voxel) & ~over, label, SURFACE)
         return np.asarray(np.where(label == INSIDE, -r, np.where(label == OUTSIDE, r, side)))
 
