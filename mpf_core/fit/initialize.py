@@ -101,9 +101,9 @@ class Initialization:
         between the samples of a thin wall, into which a flood leaks by its rim."""
         wall = np.maximum(near.signed, near.edge)
         wall = np.where((near.signed > 0) & (near.edge > 0), r, wall)
-        layered = self.local.neighbours.layered[near.first]
-        side = np.where(layered, wall, near.signed)
-        over = layered & (near.edge <= 0)
+        layered = self.local.neighbours.layered
+        side = np.where(layered[near.first], wall, near.signed)
+        over = (near.mean(layered) > 0.1) & (near.edge <= 0)
         label = np.where((r > self.space.voxel) & ~over, label, SURFACE)
         return np.asarray(np.where(label == INSIDE, -r, np.where(label == OUTSIDE, r, side)))
 
