@@ -103,7 +103,7 @@ class Initialization:
         wall = np.where((near.signed > 0) & (near.edge > 0), r, wall)
         layered = self.local.neighbours.layered
         side = np.where(layered[near.first], wall, near.signed)
-        over = (near.mean(layered) > 0.1) & (near.edge <= 0)
+        over = (near.mean(layered.astype(np.float64)) > 0.1) & (near.edge <= 0)
         label = np.where((r > self.space.voxel) & ~over, label, SURFACE)
         return np.asarray(np.where(label == INSIDE, -r, np.where(label == OUTSIDE, r, side)))
 
