@@ -25,7 +25,7 @@ from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.sides import Sides
 from mpf_core.options import DataOptions
 from mpf_core.surface.mesh import Mesh
-from mpf_core.surface.normals import unit_normals, vertex_normals
+from mpf_core.surface.normals import unit_normals
 from mpf_core.surface.patches import NEIGHBOURS, Patches, in_parts, patches_of, pull
 from mpf_core.surface.takeback import Crossings, Motion, allowed_share
 
@@ -152,7 +152,7 @@ def follow_data(
     applied = bool(length.any())
     return Moved(
         vertices=moved,
-        normals=vertex_normals(Mesh(moved, faces)) if applied else directions,
+        normals=_normals(aim, gain * share, directions),
         applied=applied,
         gain=gain,
         bandwidth=patches.kernel * cloud.median_spacing,
@@ -204,7 +204,7 @@ def _aim(patches: Patches, vertices: Array, directions: Array, threads: int) -> 
         for _ in range(STEPS - 1):
             y = y + pull(patches, y, facing, index).step
         step[part] = first.trust[:, None] * (y - x)
-        outward[part] = unit_normals(first.outward.astype(np.float64))
+        outward[part] = first.outward
 
     in_parts(work, count, threads)
     return _Aim(step, outward, front, trust, offset, spacing)
@@ -230,9 +230,20 @@ def _shared(aim: _Aim, vertices: Array, gain: float, threads: int) -> Array:
     if len(back) and len(own):
         partner = own[nearest(cKDTree(vertices[own]), vertices[back], 1, threads)[1][:, 0]]
         # The first wall stays short of the data by this much; the second keeps its distance.
-        short = (1 - gain) * np.einsum("vi,vi->v", aim.step[partner], aim.outward[back])
-        step[back] = aim.step[back] - short[:, None] * aim.outward[back]
+        outward = unit_normals(aim.outward[back])
+        short = (1 - gain) * np.einsum("vi,vi->v", aim.step[partner], outward)
+        step[back] = aim.step[back] - short[:, None] * outward
     return step
+
+
+def _normals(aim: _Aim, share: Array, directions: Array) -> Array:
+    """(v, 3) the data's normals where vertices reached the data and those are of one mind, ∇θ
+    elsewhere: at rims, in gaps, where vertices stayed back."""
+    weight = share * aim.trust
+    agreed = np.linalg.norm(aim.outward, axis=1)
+    return unit_normals(
+        weight[:, None] * aim.outward + (1 - weight * np.minimum(agreed, 1))[:, None] * directions
+    )
 
 
 def _thickness(vertices: Array, faces: Indices, front: Array) -> tuple[float, float] | None:

@@ -21,6 +21,7 @@ FLAT = 1e-4  # of a face's area: what is left less has collapsed
 ALIGNED = 0.5  # cosine to the data's normal above which a face lies along its wall
 REACH = 4.0  # median radii of a face within which others are looked at
 SWEEPS = 4  # searches of the whole mesh
+LEAST = 1e-2  # share of a step below which none is taken
 ROUNDS = 10  # halvings of the steps in the places found by one
 
 Array = NDArray[np.float64]
@@ -54,24 +55,28 @@ def allowed_share(motion: Motion, crossings: Crossings) -> Array:
         if not len(bad):
             return share
         for _ in range(ROUNDS):
-            marked = np.zeros(len(share))
-            marked[motion.faces[bad]] = 1.0
-            reached = ring @ marked > 0
+            reached = _beside(motion.faces[bad], ring)
             share[reached] *= 0.5
-            share[share < 1e-2] = 0.0
+            share[share < LEAST] = 0.0
             # No jump between who goes and who stays: that would fold the faces between.
             share[reached] = np.minimum(share, ring @ share)[reached]
-            bad = _spoilt(motion, share, near, crossings)
+            # Only what has changed since can have become worse.
+            changed = near[reached[motion.faces[near]].any(1)]
+            bad = _spoilt(motion, share, _around(motion.at(share), changed, near), crossings)
             if not len(bad):
                 break
         else:
-            for _ in range(2):
-                marked = np.where(reached, 1.0, 0.0)
-                reached = ring @ marked > 0
-            share[reached] = 0.0
+            share[_beside(motion.faces[reached[motion.faces].any(1)], ring)] = 0.0
     if len(_spoilt(motion, share, _suspects(motion, share), crossings)):
         share[:] = 0.0
     return share
+
+
+def _beside(faces: Indices, ring: sparse.csr_array) -> NDArray[np.bool_]:
+    """(v,) the corners of `faces` and their neighbours."""
+    marked = np.zeros(ring.shape[0])
+    marked[faces] = 1.0
+    return np.asarray(ring @ marked > 0)
 
 
 def _suspects(motion: Motion, share: Array) -> Indices:
@@ -85,13 +90,19 @@ def _suspects(motion: Motion, share: Array) -> Indices:
     risky |= area < FLAT * np.linalg.norm(before, axis=1)
     risky |= ~(motion.settled & (share == 1))[mesh.faces].all(1)
     risky &= ((share > 0) & motion.step.any(1))[mesh.faces].any(1)
-    if not risky.any():
-        return np.zeros(0, np.int64)
-    corners = mesh.vertices[mesh.faces]
-    middle = corners.mean(1)
-    reach = REACH * float(np.median(np.linalg.norm(corners[:, 0] - middle, axis=1)))
-    distance, _ = cKDTree(middle[risky]).query(middle, distance_upper_bound=reach)
-    return np.flatnonzero(np.isfinite(distance))
+    return _around(mesh, np.flatnonzero(risky), np.arange(len(mesh.faces)))
+
+
+def _around(mesh: Mesh, risky: Indices, among: Indices) -> Indices:
+    """Those of the faces `among` that are `risky` or near such a one."""
+    if not len(risky):
+        return risky
+    first = mesh.vertices[mesh.faces[among, 0]]
+    middle = mesh.vertices[mesh.faces[among]].mean(1)
+    reach = REACH * float(np.median(np.linalg.norm(first - middle, axis=1)))
+    tree = cKDTree(mesh.vertices[mesh.faces[risky]].mean(1))
+    distance, _ = tree.query(middle, distance_upper_bound=reach)
+    return among[np.isfinite(distance)]
 
 
 def _spoilt(motion: Motion, share: Array, near: Indices, crossings: Crossings) -> Indices:
