@@ -46,7 +46,9 @@ def extract(
     with workers(threads or torch.get_num_threads()):
         taken = extract_mesh(fitted, options, cancel=cancel)
         final = edited(taken.mesh, options, fitted)
-    told = final.edits | {"double_cover": final.double_cover}
+    told = dict(final.edits)
+    if final.double_cover is not None:
+        told["double_cover"] = final.double_cover
     return Extraction(final.mesh, taken.report | told)
 
 
