@@ -48,7 +48,7 @@ class SingleLayer:
 
     vertices: (v, 3), faces: (f, 3) int64, normalised
     double_share: share of the layer's area that had a second wall behind it
-    thickness: median distance of the second wall from the samples' surface, or None
+    thickness: median distance between the two walls, or None
     solids: closed pieces kept whole; pinholes: holes closed in the layer
     orientable: False where the normals of the samples cannot agree (a Möbius strip): the layer is
         then parted along a line
@@ -87,7 +87,8 @@ def single_layer(vertices: Array, faces: Faces, start: Initialization) -> Single
     distance, index = nearest(cloud.tree, vertices, 4, threads)
     back = front < BACK
     turned = _turned(cloud, start.normals)
-    doubled = _doubled_samples(cloud, np.unique(index[back, 0]), turned)
+    solid_samples = start.bounds.solid > 0.5
+    doubled = _doubled_samples(cloud, np.unique(index[back, 0]), turned, solid_samples)
     if not doubled.any():
         return SingleLayer(vertices, faces, 0.0, None, _closed(faces, vertices), 0, True)
     weight = 1 / (distance + 0.1 * near.spacing[:, None])
@@ -96,6 +97,7 @@ def single_layer(vertices: Array, faces: Faces, start: Initialization) -> Single
     rim = Rim.of(cloud)
     over = cut.smoothed(faces, EDGE - rim.beyond(vertices, threads), SMOOTHING)
     walls = face_areas(Mesh(vertices, faces))
+    back &= sheet > 0
     behind = walls[back[faces].all(1)].sum()
 
     layer = _supported(
@@ -113,11 +115,18 @@ def single_layer(vertices: Array, faces: Faces, start: Initialization) -> Single
         vertices=joined,
         faces=triangles,
         double_share=float(min(behind / area, 1.0)),
-        thickness=float(np.median(-near.signed[back])) if back.any() else None,
+        thickness=_between(near.signed, (front > FRONT) & (sheet > 0), back),
         solids=_closed(solid[1], solid[0]),
         pinholes=pinholes,
-        orientable=int((turned & doubled).sum()) < SEAM,
+        orientable=int((turned & doubled & ~_grown(cloud, ~doubled, 3)).sum()) < SEAM,
     )
+
+
+def _between(height: Array, first: Flags, second: Flags) -> float | None:
+    """Median distance of the second wall from the first, whichever of them is on the data."""
+    if not (first.any() and second.any()):
+        return None
+    return float(abs(np.median(height[first]) - np.median(height[second])))
 
 
 def _turned(cloud: Neighborhoods, normals: Array) -> Flags:
@@ -136,8 +145,12 @@ def _grown(cloud: Neighborhoods, member: Flags, rings: int) -> Flags:
     return member
 
 
-def _doubled_samples(cloud: Neighborhoods, seen: NDArray[np.int64], turned: Flags) -> Flags:
+def _doubled_samples(
+    cloud: Neighborhoods, seen: NDArray[np.int64], turned: Flags, solid: Flags
+) -> Flags:
     """(n,) whether a second wall lies behind each sample, in patches that deserve the name.
+
+    Never of a sample that bounds a `solid`: beside the foot of a sheet its normal is nobody's.
 
     `seen` are the samples that vertices of second walls are nearest to. Where normals turn over
     within a sheet the walls change places, and neither can be told from the other.
@@ -147,6 +160,7 @@ def _doubled_samples(cloud: Neighborhoods, seen: NDArray[np.int64], turned: Flag
     doubled |= _grown(cloud, turned, 2) & _grown(cloud, doubled, 3)
     for _ in range(3):
         doubled = doubled[cloud.links].mean(1) > 0.5
+    doubled &= ~solid
     for kind in (True, False):
         doubled ^= _small_patches(cloud, doubled == kind)
     return doubled
