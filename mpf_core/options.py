@@ -111,6 +111,13 @@ class FitOptions:
         low=1e-6,
         high=1.0,
     )
+    terms_rate: float = option(
+        0.3,
+        "Factor on the rates from where the paper's terms join on: at full rates they lead the "
+        "second wall of a shell away before they have formed it.",
+        low=0.01,
+        high=1.0,
+    )
     beta_learning_rate: float = option(1e-4, "Adam's rate for β (the paper's).", low=0.0, high=1.0)
     gradient_clip: float = option(
         0.0, "Largest norm of the whole gradient; 0 leaves it alone.", low=0.0, high=LARGEST
@@ -133,9 +140,9 @@ class FitOptions:
     )
     weight_lap: float = option(0.0004, "Laplacian, eq. lap.", low=0.0, high=LARGEST)
     weight_phase: float = option(
-        0.03,
+        0.3,
         "Phase saturation, eq. phase_sat. The paper's 0.002 lets the second wall of a shell drift "
-        "away within the iterations that a CPU affords.",
+        "away within the iterations that a CPU affords; 0.03 still lets it by half of that.",
         low=0.0,
         high=LARGEST,
     )
@@ -241,7 +248,19 @@ class Options:
 
 PRESETS: dict[str, Options] = {
     "balanced": Options(),
-    "draft": Options(preset="draft", fit=FitOptions(max_iterations=700, time_budget=55.0)),
+    # Half the points of a step: twice the iterations, which thin shells need more.
+    "draft": Options(
+        preset="draft",
+        fit=FitOptions(
+            max_iterations=1200,
+            time_budget=55.0,
+            surface_points=512,
+            near_points=512,
+            far_points=512,
+            laplacian_points=64,
+            start_points=2048,
+        ),
+    ),
     # The recipe of the paper and of the published code of its relatives, with no additions.
     "paper": Options(
         preset="paper",

@@ -3,7 +3,7 @@
 With a warm start the regression runs alone at first, at full rates; how many steps that are, N·s
 of N, is decided while it runs, by the clock where that binds. Until then nothing depends on N, so
 a run that the clock cut to N iterations is the run with a cap of N. Then the paper's terms join,
-the regression fades out, and the rates fall.
+the regression fades out, and the rates fall from `terms_rate` on.
 """
 
 from __future__ import annotations
@@ -77,6 +77,6 @@ class Schedule:
         if iteration < held:
             return min(1.0, (iteration + 1) / RAMP)
         done = (iteration - held) / max(planned - held, 1)
-        return max(0.5 * (1 + math.cos(math.pi * done)), LAST_RATE) * min(
-            1.0, (iteration + 1) / RAMP
-        )
+        first = self.options.terms_rate if held else 1.0
+        fallen = max(first * 0.5 * (1 + math.cos(math.pi * done)), LAST_RATE)
+        return fallen * min(1.0, (iteration + 1) / RAMP)

@@ -8,6 +8,7 @@ crossings: touching, coplanar overlap and folding about a shared edge are not.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,8 @@ def self_intersections(mesh: Mesh) -> Pairs:
     # Relative to the middle, so that nearly parallel planes far from the origin stay apart.
     corners = mesh.vertices[mesh.faces]
     corners = corners - corners.reshape(-1, 3).mean(axis=0)
-    found = [_crossing(corners, mesh.faces, pairs) for pairs in overlapping_boxes(corners)]
+    planes = _Planes.of(corners)
+    found = [_crossing(corners, planes, mesh.faces, pairs) for pairs in overlapping_boxes(corners)]
     return np.concatenate([*found, np.zeros((0, 2), np.int64)])
 
 
@@ -89,16 +91,45 @@ def _morton_order(points: Corners) -> NDArray[np.int64]:
     return np.argsort(code, kind="stable")
 
 
-def _crossing(corners: Corners, faces: NDArray[np.int64], pairs: Pairs) -> Pairs:
+@dataclass(frozen=True)
+class _Planes:
+    """Of each of f triangles: normal (f, 3), not of unit length, offset and tolerance (f,)."""
+
+    normal: Corners
+    offset: NDArray[np.float64]
+    tolerance: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, corners: Corners) -> _Planes:
+        a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+        normal = np.cross(b - a, c - a)
+        size = np.maximum(np.linalg.norm(b - a, axis=1), np.linalg.norm(c - a, axis=1))
+        tolerance = ON_PLANE * np.linalg.norm(normal, axis=1) * size
+        return cls(normal, (normal * a).sum(1), tolerance)
+
+    def straddled(
+        self, corners: Corners, planes: NDArray[np.int64], others: NDArray[np.int64]
+    ) -> NDArray[np.bool_]:
+        """Whether triangles `others` have vertices on both sides of the planes of `planes`."""
+        heights = (corners[others] @ self.normal[planes][:, :, None])[:, :, 0]
+        heights -= self.offset[planes][:, None]
+        tolerance = self.tolerance[planes]
+        return np.asarray((heights.max(1) > tolerance) & (heights.min(1) < -tolerance))
+
+
+def _crossing(corners: Corners, planes: _Planes, faces: NDArray[np.int64], pairs: Pairs) -> Pairs:
     """Those of `pairs` that cross."""
+    # Nearly all pairs of a smooth surface end here, so this comes first.
+    by_first = planes.straddled(corners, pairs[:, 0], pairs[:, 1])
+    by_second = planes.straddled(corners, pairs[:, 1], pairs[:, 0])
+    either = by_first | by_second
+    pairs, straddled = pairs[either], (by_first[either], by_second[either])
     shared = _shared_vertices(faces, pairs)
-    apart, touching = pairs[shared == 0], pairs[shared == 1]
-    for one, other in ((0, 1), (1, 0)):
-        apart = apart[_straddles(corners, apart[:, one], apart[:, other])]
+    apart = pairs[(shared == 0) & straddled[0] & straddled[1]]
     crossing = [apart[_edges_cross(corners[apart[:, 0]], corners[apart[:, 1]])]]
     # Two triangles with a common vertex cross where the edge away from it passes through.
     for one, other in ((0, 1), (1, 0)):
-        cut = touching[_straddles(corners, touching[:, one], touching[:, other])]
+        cut = pairs[(shared == 1) & straddled[one]]
         away = _away_from_shared(faces[cut[:, other]], faces[cut[:, one]])
         start, stop = (corners[cut[:, other], k] for k in away.T)
         crossing.append(cut[_segment_cuts(start, stop, corners[cut[:, one]])])
@@ -119,16 +150,6 @@ def _away_from_shared(ours: NDArray[np.int64], theirs: NDArray[np.int64]) -> NDA
     """(k, 2) corners of `ours` that follow the one that is also a corner of `theirs`."""
     lead = (ours[:, :, None] == theirs[:, None, :]).any(axis=2).argmax(axis=1)
     return np.stack([(lead + 1) % 3, (lead + 2) % 3], axis=1)
-
-
-def _straddles(
-    corners: Corners, planes: NDArray[np.int64], others: NDArray[np.int64]
-) -> NDArray[np.bool_]:
-    """Whether triangles `others` have vertices on both sides of the planes of `planes`."""
-    a, b, c = _heights(corners[planes], corners[others]).T
-    above = (a > 0) | (b > 0) | (c > 0)
-    below = (a < 0) | (b < 0) | (c < 0)
-    return np.asarray(above & below)
 
 
 def _heights(triangles: Corners, points: Corners) -> NDArray[np.float64]:

@@ -49,11 +49,12 @@ def allowed_share(motion: Motion, crossings: Crossings) -> Array:
     """(v,) share in [0, 1] of its step that each vertex may take; all zero if none is safe."""
     share = np.ones(len(motion.vertices))
     ring = neighbours_of(motion.faces, len(share))
+    near = _suspects(motion, share)
     for _ in range(SWEEPS):
-        near = _suspects(motion, share)
         bad = _spoilt(motion, share, near, crossings)
         if not len(bad):
             return share
+        before = share.copy()
         for _ in range(ROUNDS):
             reached = _beside(motion.faces[bad], ring)
             share[reached] *= 0.5
@@ -67,7 +68,10 @@ def allowed_share(motion: Motion, crossings: Crossings) -> Array:
                 break
         else:
             share[_beside(motion.faces[reached[motion.faces].any(1)], ring)] = 0.0
-    if len(_spoilt(motion, share, _suspects(motion, share), crossings)):
+        # The rest was found sound where it is; what moved back may have met others.
+        moved = np.flatnonzero((share != before)[motion.faces].any(1))
+        near = _around(motion.at(share), moved, np.arange(len(motion.faces)))
+    if len(_spoilt(motion, share, near, crossings)):
         share[:] = 0.0
     return share
 

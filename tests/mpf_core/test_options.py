@@ -100,7 +100,7 @@ def test_the_schema_tells_reason_default_and_group_of_each() -> None:
     for name, schema in SCHEMA.items():
         assert schema["description"].endswith("."), name
         assert schema["default"] == options_to_mapping(Options())[name]
-        assert schema["x-group"] in ("job", "fit", "surface")
+        assert schema["x-group"] in ("job", "fit", "surface", "data")
     json.dumps(options_schema(), allow_nan=False)
 
 
@@ -108,7 +108,7 @@ def test_groups_have_no_name_in_common() -> None:
     names = [declared.name for _, declared in option_fields()]
     assert len(names) == len(set(names))
     groups = [f.name for f in fields(Options) if is_dataclass(getattr(Options(), f.name))]
-    assert groups == ["fit", "surface"]
+    assert groups == ["fit", "surface", "data"]
 
 
 def refused(changes: dict[str, Any], where: str) -> OptionsError:

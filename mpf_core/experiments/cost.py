@@ -1,0 +1,182 @@
+"""What a step of the fit costs, beside plain automatic differentiation of the same losses."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from statistics import median
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from mpf_core.cloud.neighbors import analyse
+from mpf_core.experiments.shapes import sample
+from mpf_core.field import FieldJets, Jet, MetricPhaseField, Order
+from mpf_core.field.metric_phase import phase_indicator, sharp_softplus
+from mpf_core.fit.initialize import initialize
+from mpf_core.fit.objective import Objective, Stage
+from mpf_core.fit.optimizers import Optimizer
+from mpf_core.fit.sampler import warm_pools
+from mpf_core.options import PRESETS, FitOptions
+from mpf_core.parallel import shared, workers
+
+SHAPE, POINTS, POOL = "cube-sheet", 10_000, 50_000
+REPEATS = 15
+SIDE = 2048  # rows of the matrices whose product gives the machine's rate
+
+
+class PlainField(MetricPhaseField):
+    """The same field with every derivative taken by automatic differentiation."""
+
+    def forward(self, x: Tensor, order: Order = Order.VALUE) -> FieldJets:
+        net = self.siren
+        x = x.requires_grad_()
+        s1 = (x @ net.input_weight.t() + net.input_bias).sin()
+        s2 = (s1 @ net.shared_weight.t() + net.shared_bias).sin()
+        metric = (s2 @ net.metric_weight.t() + net.metric_bias).sin() @ net.metric_output
+        phase = (s2 @ net.phase_weight.t() + net.phase_bias).sin() @ net.phase_output
+        raw, theta = Jet(metric + net.metric_offset), Jet(phase + net.phase_offset)
+        r = sharp_softplus(raw, self.softplus_slope)
+        indicator = phase_indicator(theta, self.beta)
+        jets = (r, theta, indicator, r * indicator + theta)
+        # P's own derivatives are in no loss.
+        return FieldJets(*(jet if jet is indicator else _derived(jet, x, order) for jet in jets))
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Seconds of one step, and its matrix products' operations."""
+
+    name: str
+    seconds: float
+    plain: float
+    operations: float
+
+
+def measured(*, quick: bool = False, threads: int = 2) -> dict[str, Any]:
+    """Both kinds of steps of `balanced`, ours and plain, and the machine's rates, in one run."""
+    options = PRESETS["balanced"].fit
+    repeats = 3 if quick else REPEATS
+    if quick:
+        options = replace(options, surface_points=64, near_points=64, far_points=64)
+        options = replace(options, start_points=256, laplacian_points=16, width=64)
+    stages = {"regression": Stage(False, False, False, 1.0), "terms": Stage(True, True, True, 0.0)}
+    with workers(threads):
+        cloud = analyse(sample(SHAPE, POINTS, 0), threads=threads)
+        start = initialize(cloud, threads=threads)
+        pools = warm_pools(cloud.points, cloud, start, np.random.default_rng(0), size=POOL)
+        steps: dict[tuple[str, str], Callable[[], None]] = {}
+        for kind, made in (("ours", MetricPhaseField), ("plain", PlainField)):
+            field = made(width=options.width, omega=options.omega)
+            generator = torch.Generator().manual_seed(0)
+            objective = Objective(field, pools, options, generator)
+            for name, stage in stages.items():
+                steps[kind, name] = _step(objective, Optimizer(field, options), stage)
+        # Alternating, so that a change of the machine's pace meets all alike. Plain steps have
+        # torch's own threads, which is what such code runs with.
+        seconds: dict[tuple[str, str], list[float]] = {key: [] for key in steps}
+        for _ in range(repeats + 1):
+            for key, step in steps.items():
+                torch.set_num_threads(threads if key[0] == "plain" else 1)
+                seconds[key].append(_seconds(step))
+        torch.set_num_threads(1)
+        rates = {str(kind).removeprefix("torch."): _rate(kind) for kind in _KINDS}
+    costs = [
+        Cost(
+            name,
+            median(seconds["ours", name][1:]),
+            median(seconds["plain", name][1:]),
+            operations(options, stage),
+        )
+        for name, stage in stages.items()
+    ]
+    return {"costs": costs, "rates": rates, "threads": threads}
+
+
+def operations(options: FitOptions, stage: Stage) -> float:
+    """Floating-point operations of the h × h products of a step, forward and back."""
+    product = 2.0 * options.width**2
+    values, gradients, laplacians = 3 * 3, 7 * 3, 15 * 3  # products a point, back costs twice
+    if not stage.terms:
+        points = options.start_points * values
+    else:
+        points = (options.surface_points + options.near_points) * gradients
+        points += options.far_points * values + options.laplacian_points * laplacians
+    muon = 3 * 5 * 3 * options.width  # matrices, rounds, products of each
+    return product * (points + (muon if options.optimizer == "muon" else 0))
+
+
+def table(found: dict[str, Any]) -> str:
+    """The figures as Markdown."""
+    lines = [
+        "| step | ours, ms | plain autograd, ms | ratio | GFLOP | share of float32 rate |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    rate = found["rates"]["float32"]
+    lines += [
+        f"| {cost.name} | {1e3 * cost.seconds:.1f} | {1e3 * cost.plain:.1f} "
+        f"| {cost.plain / cost.seconds:.1f} | {cost.operations / 1e9:.1f} "
+        f"| {cost.operations / cost.seconds / rate:.0%} |"
+        for cost in found["costs"]
+    ]
+    # The regression takes part in 60 % of the iterations, the paper's terms in 52 %.
+    alone, terms = found["costs"]
+    ours = 0.6 * alone.seconds + 0.52 * terms.seconds
+    plain = 0.6 * alone.plain + 0.52 * terms.plain
+    lines += [
+        f"| the mix of balanced | {1e3 * ours:.1f} | {1e3 * plain:.1f} | {plain / ours:.1f} | | |",
+        "",
+        f"Matrix products on {found['threads']} threads: "
+        + ", ".join(f"{name} {value / 1e9:.0f} GFLOP/s" for name, value in found["rates"].items())
+        + ".",
+    ]
+    return "\n".join(lines)
+
+
+_KINDS = (torch.float32, torch.bfloat16)
+
+
+def _derived(jet: Jet, x: Tensor, order: Order) -> Jet:
+    if order is Order.VALUE:
+        return jet
+    (gradient,) = torch.autograd.grad(jet.value.sum(), x, create_graph=True)
+    if order is Order.GRADIENT:
+        return Jet(jet.value, gradient)
+    second = [
+        torch.autograd.grad(gradient[:, i].sum(), x, create_graph=True)[0][:, i] for i in range(3)
+    ]
+    return Jet(jet.value, gradient, torch.stack(second).sum(0))
+
+
+def _step(objective: Objective, optimizer: Optimizer, stage: Stage) -> Callable[[], None]:
+    def step() -> None:
+        optimizer.zero_grad()
+        objective.total(objective.terms(stage), stage).backward()  # type: ignore[no-untyped-call]
+        optimizer.step(1e-3)  # small, so that all steps meet the same field
+
+    return step
+
+
+def _seconds(step: Callable[[], None]) -> float:
+    begin = time.perf_counter()
+    step()
+    return time.perf_counter() - begin
+
+
+def _rate(kind: torch.dtype) -> float:
+    """Operations a second of products of (SIDE, 256) by (256, 256), on all threads."""
+    a, b = torch.randn(SIDE, 256).to(kind), torch.randn(256, 256).to(kind)
+    rounds = 8
+
+    def work(part: slice) -> None:
+        for _ in range(rounds * (part.stop - part.start)):
+            a @ b
+
+    def all_of_it() -> None:
+        shared(work, 4)
+
+    best = min(_seconds(all_of_it) for _ in range(5))
+    return 2.0 * SIDE * 256 * 256 * rounds * 4 / best
