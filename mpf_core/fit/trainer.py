@@ -27,7 +27,8 @@ from mpf_core.progress import CancelCheck
 
 RELIABLE_NORMALS = 0.8  # share of agreeing PCA normals from which the normal term is on
 REPORT_EVERY = 20  # iterations between two progress reports
-JUDGE_EVERY = 100  # iterations between two looks at how good the state is; kept to go back to
+JUDGE_EVERY = 40  # iterations between two looks at how good the state is; kept to go back to
+LEAST_PATIENCE = 4 * JUDGE_EVERY  # iterations without a better state, however short the fit
 JUMP = 20.0  # times the recent loss: a fit beyond it has diverged
 RETRIES = 3  # at half the rates each, from the last good state
 REHEARSALS = 3  # steps of each kind that are timed; the fastest counts
@@ -256,8 +257,8 @@ class Trainer:
             if self.iteration < min(FEWEST, self.options.max_iterations):
                 raise self._out_of_time()
             return "clock"
-        patience = self.options.patience * self.planned
-        if self.best is not None and patience and self.iteration - self.best[1] > patience:
+        patience = max(self.options.patience * self.planned, LEAST_PATIENCE)
+        if self.best is not None and self.iteration - self.best[1] > patience:
             return "plateau"
         return None
 
