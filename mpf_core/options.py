@@ -112,7 +112,7 @@ class FitOptions:
         high=1.0,
     )
     terms_rate: float = option(
-        0.3,
+        0.5,
         "Factor on the rates from where the paper's terms join on: at full rates they lead the "
         "second wall of a shell away before they have formed it.",
         low=0.01,
@@ -140,9 +140,9 @@ class FitOptions:
     )
     weight_lap: float = option(0.0004, "Laplacian, eq. lap.", low=0.0, high=LARGEST)
     weight_phase: float = option(
-        0.3,
+        0.1,
         "Phase saturation, eq. phase_sat. The paper's 0.002 lets the second wall of a shell drift "
-        "away within the iterations that a CPU affords; 0.03 still lets it by half of that.",
+        "away within the iterations that a CPU affords; 0.3 keeps sheets from being completed.",
         low=0.0,
         high=LARGEST,
     )

@@ -76,8 +76,8 @@ def test_the_rates_rise_are_held_and_fall_and_never_reach_zero() -> None:
     assert rise == pytest.approx([(k + 1) / RAMP for k in range(RAMP)])
     assert set(hold) == {1.0}
     assert all(a >= b for a, b in pairwise(fall))
-    assert fall[0] == pytest.approx(0.3)
-    assert fall[260] == pytest.approx(0.15)
+    assert fall[0] == pytest.approx(0.5)
+    assert fall[260] == pytest.approx(0.25)
     assert found[-1] == LAST_RATE
 
 
