@@ -28,13 +28,12 @@ _ours = threading.local()
 def workers(threads: int) -> Iterator[None]:
     """Within, `shared` uses so many threads, and torch one for each operation.
 
-    Denormals, which slow products down, count as zero; afterwards the caller's process has its
-    own settings back.
+    Denormals, which slow products down, count as zero on those threads. On the caller's they do
+    not: building a KD-tree over coordinates of exactly 0 would then never end.
     """
     global _executor, _count
     before = _executor, _count, torch.get_num_threads()
     torch.set_num_threads(1)
-    torch.set_flush_denormal(True)
     executor = None if threads == 1 else ThreadPoolExecutor(threads, "mpf", _prepare)
     _executor, _count = executor, threads
     try:
@@ -42,9 +41,18 @@ def workers(threads: int) -> Iterator[None]:
     finally:
         _executor, _count, threads_before = before
         torch.set_num_threads(threads_before)
-        torch.set_flush_denormal(_executor is not None)
         if executor is not None:
             executor.shutdown()
+
+
+@contextmanager
+def flushed_denormals() -> Iterator[None]:
+    """Denormals count as zero on this thread; for computations that build no KD-tree."""
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)
 
 
 def shared(job: Callable[[slice], T], size: int, *, smallest: int = 1) -> list[T]:

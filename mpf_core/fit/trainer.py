@@ -23,6 +23,7 @@ from mpf_core.fit.optimizers import Optimizer
 from mpf_core.fit.sampler import Pools
 from mpf_core.fit.schedule import Costs, Schedule
 from mpf_core.options import FitOptions
+from mpf_core.parallel import flushed_denormals
 from mpf_core.progress import CancelCheck
 
 RELIABLE_NORMALS = 0.8  # share of agreeing PCA normals from which the normal term is on
@@ -178,11 +179,12 @@ class Trainer:
     def step(self) -> tuple[dict[str, Tensor], Stage]:
         """One iteration; returns the unweighted terms."""
         stage = self.schedule.stage(self.iteration, self.planned)
-        self.optimizer.zero_grad()
-        terms = self.objective.terms(stage)
-        self.objective.total(terms, stage).backward()  # type: ignore[no-untyped-call]
         rate = self.slowdown * self.schedule.rate(self.iteration, self.planned)
-        self.optimizer.step(rate)
+        with flushed_denormals():
+            self.optimizer.zero_grad()
+            terms = self.objective.terms(stage)
+            self.objective.total(terms, stage).backward()  # type: ignore[no-untyped-call]
+            self.optimizer.step(rate)
         self.iteration += 1
         self.points += self.objective.points(stage)
         return terms, stage

@@ -39,7 +39,7 @@ def extract_mesh(
 ) -> Extraction:
     """The zero level of the field as a mesh, on the threads of the caller's `parallel.workers`.
 
-    The same field gives the same mesh bit for bit where denormals are flushed in both runs.
+    The same field gives the same mesh bit for bit on the same number of threads.
     painted: normalised samples with their colours; the footprint's if not given. Raises NoSurface,
     ResolutionTooHigh, Cancelled.
     """
