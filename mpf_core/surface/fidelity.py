@@ -39,6 +39,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+# A mesh of 900 000 faces took 45 to 55 s on a busy machine, which no preset's time has room for.
+MOST_VERTICES = 300_000
+
+
 @dataclass(frozen=True)
 class Moved:
     """The mesh after the step, normalised, and what the report tells of it; lengths normalised.
@@ -80,6 +84,8 @@ def onto_data(
         return mesh, {"applied": False, "reason": "switched off"}
     if start is None:
         return mesh, {"applied": False, "reason": "there is no local fit without a warm start"}
+    if len(mesh.vertices) > MOST_VERTICES:
+        return mesh, {"applied": False, "reason": f"more than {MOST_VERTICES} vertices"}
     assert mesh.normals is not None
     begin = clock()
     moved = follow_data(

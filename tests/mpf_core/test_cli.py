@@ -182,7 +182,13 @@ def test_ctrl_c_ends_with_130_and_no_traceback(cloud: Path, tmp_path: Path) -> N
     command += ["--set", "width=16", "--max-iterations", "200000", "--time-budget", "500"]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        # Whoever runs the tests in the background may have it ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     ) as running:
         assert running.stderr is not None
         begin, said = time.monotonic(), ""
