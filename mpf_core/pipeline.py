@@ -37,7 +37,7 @@ from mpf_core.fit.trainer import FitLog, fit_field
 from mpf_core.options import Options
 from mpf_core.parallel import workers
 from mpf_core.preview import Previews, coarse_mesh
-from mpf_core.progress import CancelCheck, ProgressCallback
+from mpf_core.progress import CancelCheck, Clock, ProgressCallback
 from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.report import input_report, run_report, surface_report
 from mpf_core.surface.edit import edited
@@ -45,7 +45,7 @@ from mpf_core.surface.extraction import extract_mesh
 from mpf_core.surface.fidelity import onto_data
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.resolution import shell_of
-from mpf_core.watch import Clock, Watch
+from mpf_core.watch import Watch
 
 EXTRACTION_SHARE = 0.2  # of the time budget, kept for extraction, report and writing
 PADDING = 0.05  # of the normalised frame, around the samples

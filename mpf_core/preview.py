@@ -13,7 +13,7 @@ from mpf_core.cloud.normalize import Similarity
 from mpf_core.errors import SurfaceError
 from mpf_core.field import MetricPhaseField
 from mpf_core.field.fitted import gradient_of, theta_of
-from mpf_core.progress import CancelCheck, PreviewCallback
+from mpf_core.progress import CancelCheck, Clock, PreviewCallback
 from mpf_core.surface.export import glb_bytes
 from mpf_core.surface.finish import finish
 from mpf_core.surface.isosurface import Grid, extract
@@ -23,8 +23,6 @@ RESOLUTION = 64  # cells along the longest side: a shape to recognise, in a few 
 SHARE = 0.05  # of the time since the fit began, at most
 PAUSE = 3.0  # s between the starts of two previews
 FIRST_COST = 0.3  # s, for as long as none has been timed
-
-Clock = Callable[[], float]
 
 
 class Previews:

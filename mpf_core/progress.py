@@ -30,4 +30,5 @@ STAGES = ("read", "prepare", "initialize", "fit", "extract", "report")
 
 ProgressCallback = Callable[[Progress], None]
 CancelCheck = Callable[[], bool]
+Clock = Callable[[], float]  # seconds, from any beginning
 PreviewCallback = Callable[[bytes], None]

@@ -16,10 +16,10 @@ from mpf_core.files import write_atomically
 from mpf_core.options import Options
 from mpf_core.parallel import workers
 from mpf_core.pipeline import reconstruct_cloud
-from mpf_core.progress import CancelCheck, PreviewCallback, ProgressCallback
+from mpf_core.progress import CancelCheck, Clock, PreviewCallback, ProgressCallback
 from mpf_core.surface.export import write_glb, write_ply
 from mpf_core.surface.slices import write_slices
-from mpf_core.watch import Clock, Watch
+from mpf_core.watch import Watch
 
 
 def reconstruct_file(

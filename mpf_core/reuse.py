@@ -15,14 +15,14 @@ from mpf_core.field.fitted import FittedField, field_of
 from mpf_core.files import write_atomically
 from mpf_core.options import SurfaceOptions
 from mpf_core.parallel import workers
-from mpf_core.progress import CancelCheck, ProgressCallback
+from mpf_core.progress import CancelCheck, Clock, ProgressCallback
 from mpf_core.quality.report import surface_report, versions_report
 from mpf_core.results import write_report, write_stack
 from mpf_core.surface.edit import edited
 from mpf_core.surface.export import write_glb, write_ply
 from mpf_core.surface.extraction import Extraction, extract_mesh
 from mpf_core.surface.slices import cut, evenly
-from mpf_core.watch import Clock, Watch
+from mpf_core.watch import Watch
 
 # Share of an extraction that is done when each stage begins.
 BEGINS = {"read": 0.0, "extract": 0.05, "slices": 0.7, "report": 0.9, "done": 1.0}

@@ -8,9 +8,8 @@ from pathlib import Path
 from mpf_core.errors import Cancelled
 from mpf_core.field import MetricPhaseField
 from mpf_core.fit.trainer import Control, StepReport
-from mpf_core.progress import CancelCheck, PreviewCallback, Progress, ProgressCallback
+from mpf_core.progress import CancelCheck, Clock, PreviewCallback, Progress, ProgressCallback
 
-Clock = Callable[[], float]
 Snapshot = Callable[[MetricPhaseField], None]
 
 # Share of the whole job that is done when each stage begins.

@@ -154,7 +154,7 @@ def _derived(jet: Jet, x: Tensor, order: Order) -> Jet:
 def _step(objective: Objective, optimizer: Optimizer, stage: Stage) -> Callable[[], None]:
     def step() -> None:
         optimizer.zero_grad()
-        objective.total(objective.terms(stage), stage).backward()  # type: ignore[no-untyped-call]
+        objective.backward(stage)
         optimizer.step(1e-3)  # small, so that all steps meet the same field
 
     return step

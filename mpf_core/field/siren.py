@@ -57,7 +57,7 @@ class Siren(nn.Module):
         """The raw metric output (before its softplus) and θ, with derivatives up to `order`."""
         parameters = self._parameters_of_sweeps()
         if order is Order.VALUE:
-            y = ValueSweep.apply(x, *parameters)  # type: ignore[no-untyped-call]
+            (y,) = ValueSweep.apply(x, *parameters)  # type: ignore[no-untyped-call]
             return Jet(y[0]), Jet(y[1])
         if order is Order.GRADIENT:
             y, g = GradientSweep.apply(x, *parameters)  # type: ignore[no-untyped-call]

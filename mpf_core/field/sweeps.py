@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import torch
-from jaxtyping import Float
 from torch import Tensor
 from torch.autograd import Function
 from torch.autograd.function import once_differentiable
@@ -25,7 +24,10 @@ Tensors = tuple[Tensor, ...]
 
 
 class _Sweep(Function):
-    """Runs the two halves of a sweep block by block and sums the parameters' derivatives."""
+    """A sweep block by block, and back with the parameters' derivatives summed.
+
+    Applied to (x, *parameters), it gives a tuple of as many `outputs`.
+    """
 
     forward_block: ClassVar[Any]
     backward_block: ClassVar[Any]
@@ -33,7 +35,7 @@ class _Sweep(Function):
     block: ClassVar[int]
 
     @classmethod
-    def run(cls, ctx: Any, x: Tensor, parameters: Tensors) -> Tensors:
+    def forward(cls, ctx: Any, x: Tensor, *parameters: Tensor) -> Tensors:
         def part(points: slice) -> list[Tensors]:
             return [
                 cls.forward_block(block, *parameters) for block in torch.split(x[points], cls.block)
@@ -46,7 +48,8 @@ class _Sweep(Function):
         return tuple(torch.cat([one[k] for one in blocks], 1) for k in range(cls.outputs))
 
     @classmethod
-    def run_back(cls, ctx: Any, bars: Tensors) -> tuple[Tensor | None, ...]:
+    @once_differentiable
+    def backward(cls, ctx: Any, *bars: Tensor) -> tuple[Tensor | None, ...]:
         x, *rest = ctx.saved_tensors
         parameters, kept = tuple(rest[:PARAMETERS]), rest[PARAMETERS:]
         each = len(kept) // len(ctx.lengths)
@@ -77,15 +80,6 @@ class ValueSweep(_Sweep):
     forward_block, backward_block = waves.values, waves.values_back
     outputs, block = 1, 1024
 
-    @staticmethod
-    def forward(ctx: Any, x: Tensor, *parameters: Tensor) -> Float[Tensor, "2 n"]:
-        return ValueSweep.run(ctx, x, parameters)[0]
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, *bars: Tensor) -> tuple[Tensor | None, ...]:
-        return ValueSweep.run_back(ctx, bars)
-
 
 class GradientSweep(_Sweep):
     """y (2, n) and ∇y (2, n, 3)."""
@@ -93,27 +87,9 @@ class GradientSweep(_Sweep):
     forward_block, backward_block = waves.gradients, waves.gradients_back
     outputs, block = 2, 1024
 
-    @staticmethod
-    def forward(ctx: Any, x: Tensor, *parameters: Tensor) -> Tensors:
-        return GradientSweep.run(ctx, x, parameters)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, *bars: Tensor) -> tuple[Tensor | None, ...]:
-        return GradientSweep.run_back(ctx, bars)
-
 
 class LaplacianSweep(_Sweep):
     """y (2, n), ∇y (2, n, 3) and Δy (2, n)."""
 
     forward_block, backward_block = waves.laplacians, waves.laplacians_back
     outputs, block = 3, 256
-
-    @staticmethod
-    def forward(ctx: Any, x: Tensor, *parameters: Tensor) -> Tensors:
-        return LaplacianSweep.run(ctx, x, parameters)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, *bars: Tensor) -> tuple[Tensor | None, ...]:
-        return LaplacianSweep.run_back(ctx, bars)

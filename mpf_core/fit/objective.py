@@ -69,6 +69,12 @@ class Objective:
             points += options.laplacian_points if options.weight_lap else 0
         return points
 
+    def backward(self, stage: Stage) -> dict[str, Tensor]:
+        """`terms` of one batch, with the gradients of their `total` added to the parameters'."""
+        terms = self.terms(stage)
+        self.total(terms, stage).backward()  # type: ignore[no-untyped-call]
+        return terms
+
     def total(self, terms: dict[str, Tensor], stage: Stage) -> Float[Tensor, ""]:
         """The weighted sum (the paper's objective, plus the regression while it lasts)."""
         weights = {**loss_weights(self.options), "regression": stage.regression}

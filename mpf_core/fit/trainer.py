@@ -24,7 +24,7 @@ from mpf_core.fit.sampler import Pools
 from mpf_core.fit.schedule import Costs, Schedule
 from mpf_core.options import FitOptions
 from mpf_core.parallel import flushed_denormals
-from mpf_core.progress import CancelCheck
+from mpf_core.progress import CancelCheck, Clock
 
 RELIABLE_NORMALS = 0.8  # share of agreeing PCA normals from which the normal term is on
 REPORT_EVERY = 20  # iterations between two progress reports
@@ -36,7 +36,6 @@ REHEARSALS = 3  # steps of each kind that are timed; the fastest counts
 FEWEST = 50  # iterations: with less the field is not yet a surface
 KEEP_EVERY = 15.0  # seconds between two checkpoints on disk
 
-Clock = Callable[[], float]
 Values = dict[str, float]
 
 
@@ -118,7 +117,8 @@ def fit_field(
     """
     log = FitLog(normal_term=wants_normals(options, reliability))
     trainer = Trainer(pools, options, seed, log)
-    trainer.name = fingerprint(pools, options, seed, threads)
+    if control.checkpoint is not None:
+        trainer.name = fingerprint(pools, options, seed, threads)
     trainer.run(control)
     return trainer.field, log
 
@@ -182,8 +182,7 @@ class Trainer:
         rate = self.slowdown * self.schedule.rate(self.iteration, self.planned)
         with flushed_denormals():
             self.optimizer.zero_grad()
-            terms = self.objective.terms(stage)
-            self.objective.total(terms, stage).backward()  # type: ignore[no-untyped-call]
+            terms = self.objective.backward(stage)
             self.optimizer.step(rate)
         self.iteration += 1
         self.points += self.objective.points(stage)
@@ -282,7 +281,7 @@ class Trainer:
             seconds = []
             for _ in range(REHEARSALS):
                 begin = clock()
-                self.objective.total(self.objective.terms(stage), stage).backward()  # type: ignore[no-untyped-call]
+                self.objective.backward(stage)
                 self.optimizer.rehearse()
                 seconds.append(clock() - begin)
             costs.append(max(min(seconds), 1e-9))

@@ -14,14 +14,13 @@ from typing import Any
 import igl
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mpf_core.errors import InputError
 from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.sampling import sample_surface
 from mpf_core.quality.topology import Topology, topology
+from mpf_core.surface.cut import pieces
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import face_areas, face_normals
 
@@ -141,11 +140,8 @@ def points_to_surface(
 
 def farthest_component(mesh: Mesh, samples: cKDTree) -> float:
     """The greatest distance that a component keeps from every sample, in the mesh's units."""
-    tail, head = mesh.faces[:, [0, 1]].ravel(), mesh.faces[:, [1, 2]].ravel()
-    count = len(mesh.vertices)
-    graph = sparse.coo_array((np.ones(len(tail)), (tail, head)), shape=(count, count))
-    pieces, piece = connected_components(graph, directed=False)
-    closest = np.full(pieces, np.inf)
+    count, piece = pieces(mesh.faces, len(mesh.vertices))
+    closest = np.full(count, np.inf)
     np.minimum.at(closest, piece, samples.query(mesh.vertices)[0])
     return float(closest.max(initial=0.0))
 

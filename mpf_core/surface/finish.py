@@ -7,12 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mpf_core.cloud.neighbors import distance_within, nearest
 from mpf_core.cloud.normalize import Similarity
+from mpf_core.surface.cut import pieces
 from mpf_core.surface.isosurface import Isosurface
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import unit_normals
@@ -33,19 +32,16 @@ def without_floaters(
     `least` samples are nearest to. Returns also how many were removed. If all are far, all are
     kept: the caller sees the distances.
     """
-    faces, count = surface.faces, len(surface.vertices)
-    ones = np.ones(len(faces) * 2)
-    tail, head = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
-    graph = sparse.coo_array((ones, (tail, head)), shape=(count, count))
-    pieces, piece = connected_components(graph, directed=False)
+    faces = surface.faces
+    count, piece = pieces(faces, len(surface.vertices))
     distance = distance_within(samples, surface.vertices, FLOATER_SPACINGS * spacing)
-    near = np.zeros(pieces, dtype=bool)
+    near = np.zeros(count, dtype=bool)
     near[piece[np.isfinite(distance)]] = True
     if not near.any():
         return surface.vertices, faces, 0
     if near.sum() > 1 and least > 0:
         _, closest = cKDTree(surface.vertices).query(samples.data, workers=-1)
-        support = np.bincount(piece[closest], minlength=pieces)
+        support = np.bincount(piece[closest], minlength=count)
         near &= support >= min(least, support[near].max())
     if near.all():
         return surface.vertices, faces, 0

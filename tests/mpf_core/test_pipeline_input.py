@@ -3,22 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pytest
-import torch
 
 from mpf_core.options import options_from
 from mpf_core.results import reconstruct_file
-
-
-@pytest.fixture(autouse=True)
-def denormals() -> Iterator[None]:
-    """A reconstruction flushes them in its process; other tests draw them."""
-    yield
-    torch.set_flush_denormal(False)
 
 
 def test_every_step_of_the_preparation_stands_in_the_report(tmp_path: Path) -> None:

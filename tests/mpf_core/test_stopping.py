@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from mpf_core.errors import Cancelled
 from mpf_core.options import Options, options_from
@@ -35,13 +33,6 @@ class Caller:
     def check(self) -> bool:
         self.asked += 1
         return self.wants
-
-
-@pytest.fixture(autouse=True)
-def denormals() -> Iterator[None]:
-    """A reconstruction flushes them in its process; other tests draw them."""
-    yield
-    torch.set_flush_denormal(False)
 
 
 @pytest.fixture
