@@ -98,6 +98,12 @@ class FitOptions:
     band_neighbour: int = option(
         50, "Near samples are jittered by the distance to this neighbour.", low=2, high=50
     )
+    precision: str = option(
+        "auto",
+        "Of the hidden layers' products while fitting; auto takes bfloat16 where the processor has "
+        "instructions for it, which makes a step cost half as much.",
+        choices=("auto", "float32", "bfloat16"),
+    )
     optimizer: str = option(
         "muon",
         "Muon on the square matrices cuts the error by a third at equal time.",
@@ -268,6 +274,7 @@ PRESETS: dict[str, Options] = {
             max_iterations=10_000,
             time_budget=7 * 86_400.0,
             denoise="off",
+            precision="float32",
             warm_start=False,
             warm_fraction=0.0,
             omega=30.0,

@@ -199,6 +199,7 @@ def _fit_report(
         "retries": log.retries,
         "notes": log.notes,
         "normal_term": log.normal_term,
+        "precision": log.precision,
         "normal_reliability": round(neighbours.normal_reliability, 4),
         "enclosed_regions": None if start is None else start.space.enclosures,
         "enclosing_share": None if start is None else round(start.seeded, 4),

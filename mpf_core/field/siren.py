@@ -35,6 +35,7 @@ class Siren(nn.Module):
         def uniform(*shape: int, bound: float) -> nn.Parameter:
             return nn.Parameter((torch.rand(shape, generator=generator) * 2 - 1) * bound)
 
+        self.precision: torch.dtype | None = None  # of the hidden products in `forward`
         hidden = math.sqrt(6 / width)
         self.input_weight = uniform(width, 3, bound=omega / 3)
         self.input_bias = uniform(width, bound=math.pi)
@@ -57,12 +58,12 @@ class Siren(nn.Module):
         """The raw metric output (before its softplus) and θ, with derivatives up to `order`."""
         parameters = self._parameters_of_sweeps()
         if order is Order.VALUE:
-            (y,) = ValueSweep.apply(x, *parameters)  # type: ignore[no-untyped-call]
+            (y,) = ValueSweep.apply(x, self.precision, *parameters)  # type: ignore[no-untyped-call]
             return Jet(y[0]), Jet(y[1])
         if order is Order.GRADIENT:
-            y, g = GradientSweep.apply(x, *parameters)  # type: ignore[no-untyped-call]
+            y, g = GradientSweep.apply(x, self.precision, *parameters)  # type: ignore[no-untyped-call]
             return Jet(y[0], g[0]), Jet(y[1], g[1])
-        y, g, laplacian = LaplacianSweep.apply(x, *parameters)  # type: ignore[no-untyped-call]
+        y, g, laplacian = LaplacianSweep.apply(x, self.precision, *parameters)  # type: ignore[no-untyped-call]
         return Jet(y[0], g[0], laplacian[0]), Jet(y[1], g[1], laplacian[1])
 
     def _parameters_of_sweeps(self) -> tuple[Tensor, ...]:

@@ -26,7 +26,7 @@ Tensors = tuple[Tensor, ...]
 class _Sweep(Function):
     """A sweep block by block, and back with the parameters' derivatives summed.
 
-    Applied to (x, *parameters), it gives a tuple of as many `outputs`.
+    Applied to (x, precision of the products, *parameters), it gives a tuple of as many `outputs`.
     """
 
     forward_block: ClassVar[Any]
@@ -35,15 +35,18 @@ class _Sweep(Function):
     block: ClassVar[int]
 
     @classmethod
-    def forward(cls, ctx: Any, x: Tensor, *parameters: Tensor) -> Tensors:
+    def forward(
+        cls, ctx: Any, x: Tensor, precision: torch.dtype | None, *parameters: Tensor
+    ) -> Tensors:
+        cast = _cast(parameters, precision)
+
         def part(points: slice) -> list[Tensors]:
-            return [
-                cls.forward_block(block, *parameters) for block in torch.split(x[points], cls.block)
-            ]
+            return [cls.forward_block(block, *cast) for block in torch.split(x[points], cls.block)]
 
         blocks = [one for some in shared(part, len(x), smallest=SMALLEST) for one in some]
         kept = [tensor for one in blocks for tensor in one[cls.outputs :]]
         ctx.save_for_backward(x, *parameters, *kept)
+        ctx.precision = precision
         ctx.lengths = [one[0].shape[1] for one in blocks]
         return tuple(torch.cat([one[k] for one in blocks], 1) for k in range(cls.outputs))
 
@@ -52,6 +55,7 @@ class _Sweep(Function):
     def backward(cls, ctx: Any, *bars: Tensor) -> tuple[Tensor | None, ...]:
         x, *rest = ctx.saved_tensors
         parameters, kept = tuple(rest[:PARAMETERS]), rest[PARAMETERS:]
+        cast = _cast(parameters, ctx.precision)
         each = len(kept) // len(ctx.lengths)
         ends = torch.tensor([0, *ctx.lengths]).cumsum(0).tolist()
         x_bar = torch.empty_like(x) if ctx.needs_input_grad[0] else None
@@ -62,7 +66,7 @@ class _Sweep(Function):
                 points = slice(ends[k], ends[k + 1])
                 saved = tuple(kept[k * each : (k + 1) * each])
                 some = [bar[:, points] for bar in bars]
-                z1_bar = cls.backward_block(x[points], parameters, saved, *some, sums)
+                z1_bar = cls.backward_block(x[points], cast, saved, *some, sums)
                 if x_bar is not None:
                     x_bar[points] = z1_bar @ parameters[0]
             return sums
@@ -71,7 +75,15 @@ class _Sweep(Function):
         for sums in others:
             for total, more in zip(first, sums, strict=True):
                 total.add_(more)
-        return (x_bar, *first)
+        return (x_bar, None, *first)
+
+
+def _cast(parameters: Tensors, precision: torch.dtype | None) -> Tensors:
+    """The parameters with the square matrices in the precision of their products, if not their own."""
+    if precision is None:
+        return parameters
+    w1, b1, w2, b2, v3, b3, v, offsets = parameters
+    return w1, b1, w2.to(precision), b2, v3.to(precision), b3, v, offsets
 
 
 class ValueSweep(_Sweep):

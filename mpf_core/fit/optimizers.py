@@ -17,8 +17,15 @@ QUINTIC = (3.4445, -4.7750, 2.0315)
 class Muon:
     """Momentum whose update is orthogonalised: all directions of a matrix learn equally fast."""
 
-    def __init__(self, matrices: list[nn.Parameter], momentum: float = 0.95, rounds: int = 5):
+    def __init__(
+        self,
+        matrices: list[nn.Parameter],
+        momentum: float = 0.95,
+        rounds: int = 5,
+        precision: torch.dtype = torch.float32,
+    ):
         self.matrices, self.momentum, self.rounds = matrices, momentum, rounds
+        self.precision = precision
         self.buffer = torch.stack([torch.zeros_like(m) for m in matrices])
 
     @torch.no_grad()
@@ -45,20 +52,26 @@ class Muon:
     def _orthogonalise(self, update: Tensor) -> Tensor:
         a, b, c = QUINTIC
         x: Tensor = update / (update.flatten(1).norm(dim=1)[:, None, None] + 1e-12)
+        x = x.to(self.precision)
         for _ in range(self.rounds):
             gram = x @ x.mT
             x = a * x + (b * gram + c * gram @ gram) @ x
-        return x
+        return x.to(update.dtype)
 
 
 class Optimizer:
     """The optimisers of one fit as a single step."""
 
-    def __init__(self, field: MetricPhaseField, options: FitOptions):
+    def __init__(
+        self,
+        field: MetricPhaseField,
+        options: FitOptions,
+        precision: torch.dtype = torch.float32,
+    ):
         self.options = options
         self.parameters = list(field.parameters())
         matrices = field.siren.square_matrices() if options.optimizer == "muon" else []
-        self.muon = Muon(matrices) if matrices else None
+        self.muon = Muon(matrices, precision=precision) if matrices else None
         taken = {id(p) for p in [*matrices, field.beta]}
         rest = [p for p in self.parameters if id(p) not in taken]
         self.adam_parameters = [*rest, field.beta]

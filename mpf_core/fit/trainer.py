@@ -17,6 +17,7 @@ from torch import Tensor
 
 from mpf_core.errors import Cancelled, CheckpointError, Diverged, OutOfTime
 from mpf_core.field import MetricPhaseField
+from mpf_core.field.precision import products_in
 from mpf_core.fit.checkpoint import State, fingerprint, read_state, write_state
 from mpf_core.fit.objective import Objective, Stage
 from mpf_core.fit.optimizers import Optimizer
@@ -61,7 +62,8 @@ class FitLog:
     `planned` is the number of iterations that the schedule was laid out for; `stopped_by` one of
     "iterations", "plateau", "clock", "cancel" (the caller's `stop`). A run with
     `--max-iterations planned` and a time budget that does not bind repeats it. `kept` is the
-    iteration whose state was delivered, `resumed_from` the one that a checkpoint held.
+    iteration whose state was delivered, `resumed_from` the one that a checkpoint held; `precision`
+    that of the hidden products.
     """
 
     planned: int = 0
@@ -69,6 +71,7 @@ class FitLog:
     seconds: float = 0.0
     stopped_by: str = "iterations"
     normal_term: bool = False
+    precision: str = "float32"
     retries: int = 0
     kept: int = 0
     resumed_from: int | None = None
@@ -137,8 +140,11 @@ class Trainer:
             closed=options.closed,
             generator=self.generator,
         )
+        precision = products_in(options.precision)
+        self.field.siren.precision = precision
+        log.precision = str(precision).removeprefix("torch.")
         self.objective = Objective(self.field, pools, options, self.generator)
-        self.optimizer = Optimizer(self.field, options)
+        self.optimizer = Optimizer(self.field, options, precision)
         self.schedule = Schedule(options, log.normal_term)
         self.examination = self.objective.examination(seed)
         self.iteration, self.planned, self.settled = 0, options.max_iterations, False

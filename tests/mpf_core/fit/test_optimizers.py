@@ -28,12 +28,13 @@ def fill_gradients(field: MetricPhaseField, size: float = 1.0) -> None:
         parameter.grad = size * random(*parameter.shape, seed=number)
 
 
+@pytest.mark.parametrize("precision", [torch.float32, torch.bfloat16])
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
-def test_singular_values_of_a_step_are_near_one(scale: float) -> None:
+def test_singular_values_of_a_step_are_near_one(scale: float, precision: torch.dtype) -> None:
     matrices = [nn.Parameter(torch.zeros(48, 48)) for _ in range(3)]
     for seed, matrix in enumerate(matrices):
         matrix.grad = scale * random(48, 48, seed=seed)
-    Muon(matrices).step(0.1)
+    Muon(matrices, precision=precision).step(0.1)
     for matrix in matrices:
         values = torch.linalg.svdvals(matrix.detach()) / 0.1
         # The quintic of Jordan et al. lands between 0.7 and 1.2; the smallest lag behind.
