@@ -79,7 +79,7 @@ class _Sweep(Function):
 
 
 def _cast(parameters: Tensors, precision: torch.dtype | None) -> Tensors:
-    """The parameters with the square matrices in the precision of their products, if not their own."""
+    """The parameters with the square matrices in the precision asked for their products."""
     if precision is None:
         return parameters
     w1, b1, w2, b2, v3, b3, v, offsets = parameters
