@@ -173,6 +173,12 @@ class SurfaceOptions:
         unit="cells",
         expert=False,
     )
+    coarsen: str = option(
+        "auto",
+        "Merge triangles finer than the samples can describe, where the grid had to be that fine "
+        "for thin walls; a resolution that was asked for is left as it is.",
+        choices=("auto", "off"),
+    )
     surface_kind: str = option(
         "shell",
         "Closed everywhere, with open sheets wrapped in a thin shell; or one layer of triangles "

@@ -14,6 +14,7 @@ from mpf_core.field.fitted import FittedField, gradient_of, theta_of
 from mpf_core.options import SurfaceOptions
 from mpf_core.progress import CancelCheck
 from mpf_core.surface.bounds import BOUND
+from mpf_core.surface.coarsen import coarsened
 from mpf_core.surface.finish import FLOATER_SPACINGS, finish, without_floaters
 from mpf_core.surface.isosurface import Grid, Isosurface, extract
 from mpf_core.surface.mesh import Mesh
@@ -52,6 +53,9 @@ def extract_mesh(
     vertices, faces, floaters = without_floaters(
         surface, footprint.tree, spacing, least=options.min_component
     )
+    fine = len(faces)
+    if options.coarsen == "auto" and not asked:
+        vertices, faces = coarsened(vertices, faces, footprint.spacing)
     if painted is None and footprint.colors is not None:
         painted = footprint.tree, footprint.colors
     mesh = finish(vertices, faces, gradient_of(fitted.field), fitted.similarity, painted)
@@ -63,6 +67,7 @@ def extract_mesh(
         "evaluations": surface.evaluations,
         "crossed_cells": surface.crossed_cells,
         "floaters_removed": floaters,
+        "faces_of_grid": fine,
         "bound": BOUND,
     }
     return Extraction(mesh, report)

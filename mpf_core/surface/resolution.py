@@ -13,7 +13,7 @@ from mpf_core.options import SurfaceOptions
 
 CELLS_PER_SPACING = 3.0  # finer cells than a third of the spacing show the network, not the data
 CELLS_PER_SHELL = 3.0  # at two, a shell that the fit left a little thinner is perforated
-SHEETS_FROM = 0.9  # share of samples that bound enclosed space below which there are sheets
+SHEETS_FROM = 0.97  # share of samples that bound enclosed space below which there are sheets
 LOWEST, HIGHEST = 96, 512
 # Walls thinner than a cell are perforated. For them, and no further, the grid may be finer.
 LEAST_PER_WALL, HIGHEST_OF_ALL = 1.4, 1024

@@ -12,9 +12,11 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from mpf_core.errors import SurfaceError
+from mpf_core.surface.manifold import separated
 
-# Of fast-simplification, from its default downwards: lower ones take longer and tear less.
-AGGRESSION = (7, 5, 3)
+# Of fast-simplification: lower ones tear less. Its default, 7, pinched three bubbles off a thin wall
+# with 61 pinholes, 5 none, in the same time.
+AGGRESSION = (5, 3)
 SLACK = 1.02  # of the faces asked for: single collapses end a little above or below
 # Taubin's filter: a shrinking and a growing step with no effect on frequencies below 0.1.
 SHRINK, GROW = 0.5, -0.526
@@ -38,7 +40,7 @@ def decimated(vertices: Array, faces: Faces, target: int) -> tuple[Array, Faces]
     """At most about `target` faces, by quadric edge collapse (Garland and Heckbert 1997).
 
     The result has as many pieces as the mesh given, no boundary if that had none, and no more
-    edges of three triangles; raises SurfaceError when so few faces cannot be had like this.
+    edges of three triangles: where walls touch they are parted (`manifold`); raises SurfaceError when so few faces cannot be had like this.
     """
     if len(faces) <= target:
         return vertices, faces
@@ -48,7 +50,7 @@ def decimated(vertices: Array, faces: Faces, target: int) -> tuple[Array, Faces]
         points, triangles = fast_simplification.simplify(
             vertices - middle, faces.astype(np.int32), target_count=target, agg=aggression
         )
-        fewer = np.asarray(triangles, dtype=np.int64)
+        points, fewer = separated(points, np.asarray(triangles, dtype=np.int64))
         enough = 0 < len(fewer) <= SLACK * target + 4
         if enough and all(a <= b for a, b in zip(_defects(fewer), wanted, strict=True)):
             names, dense = np.unique(fewer, return_inverse=True)

@@ -22,6 +22,7 @@ ALIGNED = 0.5  # cosine to the data's normal above which a face lies along its w
 REACH = 4.0  # median radii of a face within which others are looked at
 SWEEPS = 4  # searches of the whole mesh
 LEAST = 1e-2  # share of a step below which none is taken
+GIVEN_UP = 8  # rounds in which vertices around what is still spoilt go nowhere
 ROUNDS = 10  # halvings of the steps in the places found by one
 
 Array = NDArray[np.float64]
@@ -71,9 +72,26 @@ def allowed_share(motion: Motion, crossings: Crossings) -> Array:
         # The rest was found sound where it is; what moved back may have met others.
         moved = np.flatnonzero((share != before)[motion.faces].any(1))
         near = _around(motion.at(share), moved, np.arange(len(motion.faces)))
-    if len(_spoilt(motion, share, near, crossings)):
-        share[:] = 0.0
-    return share
+    return _given_up(motion, share, near, ring, crossings)
+
+
+def _given_up(
+    motion: Motion, share: Array, near: Indices, ring: sparse.csr_array, crossings: Crossings
+) -> Array:
+    """`share` without steps around what is still spoilt, in an area that grows until none is; all
+    zero if that does not end."""
+    for size in range(1, GIVEN_UP + 1):
+        bad = _spoilt(motion, share, near, crossings)
+        if not len(bad):
+            return share
+        still = _beside(motion.faces[bad], ring).astype(np.float64)
+        for _ in range(size):
+            still = np.asarray(ring @ still > 0, dtype=np.float64)
+        share[still > 0] = 0.0
+        share = np.minimum(share, ring @ share)
+        changed = np.flatnonzero((still > 0)[motion.faces].any(1))
+        near = _around(motion.at(share), changed, np.arange(len(motion.faces)))
+    return share * (len(_spoilt(motion, share, near, crossings)) == 0)
 
 
 def _beside(faces: Indices, ring: sparse.csr_array) -> NDArray[np.bool_]:

@@ -37,6 +37,11 @@ def box(rng: np.random.Generator, half: Points, round_off: float) -> Field:
     return distance
 
 
+# Six cells of the coarsest grid below: that is as far as the bounds carry. Of waves of one or two
+# cells (seed 632 without this limit) ten vertices in 35,000 are lost.
+SHORTEST = 6 * 2.0 / 32
+
+
 def solids(seed: int) -> Field:
     """A union of thin plates, small balls and hollow boxes."""
     rng = np.random.default_rng(seed)
@@ -56,9 +61,10 @@ def solids(seed: int) -> Field:
 
 
 def waves(seed: int) -> Field:
-    """Twelve plane waves, with lengths down to some cells; slopes up to three."""
+    """Twelve plane waves, none shorter than SHORTEST; slopes up to three."""
     rng = np.random.default_rng(seed)
     k = rng.normal(size=(12, 3)) * rng.uniform(2, 20)
+    k *= np.minimum(1, 2 * np.pi / SHORTEST / np.linalg.norm(k, axis=1))[:, None]
     phase, height, level = rng.uniform(0, 6.28, 12), rng.normal(size=12), rng.normal() / 2
     scale = np.sqrt(((height[:, None] * k) ** 2).sum() / 2)
     return lambda x: ((np.sin(x @ k.T + phase) @ height + level) / scale).astype(np.float32)
