@@ -98,9 +98,8 @@ def _bisected(vertices: Array, faces: Faces, four: Faces) -> tuple[Array, Faces]
     _, firsts = np.unique(np.minimum(*(pairs // 3).T), return_index=True)
     pairs = pairs[firsts]
     seen, where = np.unique(pairs // 3, return_inverse=True)
-    pairs = pairs[
-        (np.bincount(where.ravel(), minlength=len(seen))[where.reshape(-1, 2)] == 1).all(1)
-    ]
+    once = np.bincount(where.ravel(), minlength=len(seen)) == 1
+    pairs = pairs[once[where.reshape(-1, 2)].all(1)]
     middle = len(vertices) + np.arange(len(pairs))
     corner, following = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     ends = vertices[corner[pairs[:, 0]]], vertices[following[pairs[:, 0]]]

@@ -14,8 +14,8 @@ from scipy.sparse.csgraph import connected_components
 from mpf_core.errors import SurfaceError
 from mpf_core.surface.manifold import separated
 
-# Of fast-simplification: lower ones tear less. Its default, 7, pinched three bubbles off a thin wall
-# with 61 pinholes, 5 none, in the same time.
+# Of fast-simplification: lower ones tear less. Its default, 7, pinched four bubbles off a thin
+# wall with 61 pinholes, 5 none, in the same time.
 AGGRESSION = (5, 3)
 SLACK = 1.02  # of the faces asked for: single collapses end a little above or below
 # Taubin's filter: a shrinking and a growing step with no effect on frequencies below 0.1.
@@ -40,7 +40,8 @@ def decimated(vertices: Array, faces: Faces, target: int) -> tuple[Array, Faces]
     """At most about `target` faces, by quadric edge collapse (Garland and Heckbert 1997).
 
     The result has as many pieces as the mesh given, no boundary if that had none, and no more
-    edges of three triangles: where walls touch they are parted (`manifold`); raises SurfaceError when so few faces cannot be had like this.
+    edges of three triangles: where walls touch they are parted (`manifold`). Raises SurfaceError
+    when so few faces cannot be had like this.
     """
     if len(faces) <= target:
         return vertices, faces
