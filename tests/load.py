@@ -1,6 +1,8 @@
 """How quick polls are while others upload and two jobs fit: `python -m tests.load`.
 
-Exits with 1 if a request failed or the 99th percentile is above the target.
+Exits with 1 if a request failed or the 99th percentile is above the target. What is measured is
+the clients' time, on the same cores: so it tells as well what they cost, and how much of the machine
+was taken by processes that have nothing to do with it.
 """
 
 from __future__ import annotations
@@ -12,14 +14,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
 import httpx2
 
-from service.settings import Settings
-from tests.processes import children_of, cpu_seconds
+from service.settings import Settings, usable_cores
+from tests.processes import cpu_seconds, descendants_of, machine_seconds
 from tests.services import (
     REPOSITORY,
     Server,
@@ -28,20 +30,26 @@ from tests.services import (
     running_api,
     running_worker,
     settings_for,
+    wait_for,
 )
 
-RAMP = 1.0  # s; jobs must run before anybody asks for them
+STARTED = 30.0  # s; jobs must run before anybody asks for them
 
 
 @dataclass(frozen=True)
 class Figures:
     """times: of each poll, sorted, s; errors: answers other than 200 and 202; processor: seconds
-    that the API used for each request, polls and uploads together."""
+    that the API used for each request, polls and uploads together. The rest in cores: what the API,
+    the clients, the two jobs, and processes of somebody else took on average."""
 
     times: list[float]
     errors: list[str]
     uploads: int
     processor: float
+    api: float
+    clients: float
+    jobs: float
+    others: float
 
     def at(self, share: float) -> float:
         """The quantile of the times, s."""
@@ -51,7 +59,9 @@ class Figures:
         return (
             f"{len(self.times)} polls, p50 {self.at(0.5):.4f} s, p99 {self.at(0.99):.4f} s, "
             f"{self.uploads} uploads, {len(self.errors)} errors, "
-            f"{1000 * self.processor:.2f} ms of processor time per request"
+            f"{1000 * self.processor:.2f} ms of processor time per request; "
+            f"of {usable_cores()} cores the API took {self.api:.2f}, the clients "
+            f"{self.clients:.2f}, the jobs {self.jobs:.2f}, others {self.others:.2f}"
         )
 
 
@@ -70,21 +80,62 @@ def measure(
             httpx2.post(f"{api}/jobs", timeout=30, **form(name="burn-60.xyz")).json()["id"]
             for _ in range(2)
         ]
-        time.sleep(RAMP)
-        (pid,) = [p for p in children_of(os.getpid()) if _is_api(p)]
-        before = cpu_seconds(pid)
+        for job in jobs:
+            wait_for(lambda url=f"{api}/jobs/{job}": _state(url) == "running", STARTED, "the jobs")
+        pids = descendants_of(os.getpid())
+        (serving,) = [pid for pid in pids if _runs(pid, "--fd")]
+        fitting = [pid for pid in pids if _runs(pid, "plumbing_job")]
+        begin = _Spent.now(pids, serving, fitting)
         where = api.removeprefix("http://")
         uploading = _client(settings, "upload", where, seconds, uploaders)
         polling = _client(settings, "poll", where, seconds, pollers, *jobs)
         polls, uploads = _found(polling), _found(uploading)
-        spent = cpu_seconds(pid) - before
+        spent = _Spent.now(pids, serving, fitting).since(begin)
     requests = len(polls["times"]) + len(uploads["times"])
-    errors = polls["errors"] + uploads["errors"]
-    return Figures(sorted(polls["times"]), errors, len(uploads["times"]), spent / max(requests, 1))
+    clients = polls["processor"] + uploads["processor"]
+    return Figures(
+        times=sorted(polls["times"]),
+        errors=polls["errors"] + uploads["errors"],
+        uploads=len(uploads["times"]),
+        processor=spent.api / max(requests, 1),
+        api=spent.api / spent.clock,
+        clients=clients / spent.clock,
+        jobs=spent.jobs / spent.clock,
+        others=max(0.0, spent.machine - spent.ours - clients) / spent.clock,
+    )
 
 
-def _is_api(pid: int) -> bool:
-    return "--fd" in Path(f"/proc/{pid}/cmdline").read_text()
+@dataclass(frozen=True)
+class _Spent:
+    """Seconds of the clock, and of processor time: all of the machine, of what was started here (but
+    for the clients, which tell it themselves), and of the API and the jobs alone."""
+
+    clock: float
+    machine: float
+    ours: float
+    api: float
+    jobs: float
+
+    @classmethod
+    def now(cls, pids: list[int], serving: int, fitting: list[int]) -> _Spent:
+        return cls(
+            time.monotonic(),
+            machine_seconds(),
+            sum(map(cpu_seconds, pids)),
+            cpu_seconds(serving),
+            sum(map(cpu_seconds, fitting)),
+        )
+
+    def since(self, begin: _Spent) -> _Spent:
+        return _Spent(*(a - b for a, b in zip(astuple(self), astuple(begin), strict=True)))
+
+
+def _state(url: str) -> str:
+    return str(httpx2.get(url, timeout=30).json()["state"])
+
+
+def _runs(pid: int, word: str) -> bool:
+    return word in Path(f"/proc/{pid}/cmdline").read_text()
 
 
 def _client(settings: Settings, *arguments: object) -> subprocess.Popen[bytes]:

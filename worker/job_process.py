@@ -28,12 +28,13 @@ def main() -> None:
     from service.logs import configure_logging
     from service.settings import Settings
     from worker.memory import limit_memory
+    from worker.priority import yield_to_others
     from worker.rq_job import JobProcessWorker
 
     settings = Settings()
     configure_logging(settings)
     limit_memory(settings)
-    os.nice(settings.job_nice)
+    yield_to_others(settings.job_nice)
     redis = connect(settings)
     worker = JobProcessWorker([], os.environ["RQ_WORKER_ID"], connection=redis,
                               serializer=JSONSerializer, prepare_for_work=False)  # fmt: skip

@@ -75,7 +75,7 @@ class MpfWorker(Worker):
             self.parking.let_out()
 
     def fork_work_horse(self, job: Entry, queue: Queue) -> None:  # noqa: ARG002
-        """Start the job process in a group of its own."""
+        """Start the job process in a session of its own: it is killed and is nice as a whole."""
         environment = os.environ | {
             "RQ_WORKER_ID": self.name,
             "RQ_JOB_ID": job.id,
@@ -84,7 +84,9 @@ class MpfWorker(Worker):
             "OMP_NUM_THREADS": str(self.settings.threads_per_job()),
         }
         command = [sys.executable, "-m", self.job_module]
-        self._process = subprocess.Popen(command, env=environment, process_group=0)  # noqa: S603
+        self._process = subprocess.Popen(  # noqa: S603
+            command, env=environment, start_new_session=True
+        )
         self._horse_pid = self._process.pid
 
     def monitor_work_horse(self, job: Entry, queue: Queue, execution: Any) -> None:

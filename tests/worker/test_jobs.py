@@ -6,6 +6,7 @@ import json
 import os
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -82,6 +83,22 @@ def test_cancel_running_and_queued(client: TestClient, settings: Settings) -> No
         wait_for(lambda: state_of(client, stubborn)["progress"], 20, "progress")
         assert client.post(f"/jobs/{stubborn}/cancel").json()["cancelling"] is True
         until(client, stubborn, "cancelled", seconds=5)
+
+
+def test_a_job_process_yields_to_the_whole_machine(client: TestClient, settings: Settings) -> None:
+    with running_worker(settings.model_copy(update={"job_nice": 7})) as worker:
+        job_id = submit(client, "long-30.xyz")
+        wait_for(lambda: state_of(client, job_id)["progress"], 20, "progress")
+        (pid,) = children_of(worker.pid)
+        before = os.getpriority(os.PRIO_PROCESS, worker.pid)
+        assert os.getpriority(os.PRIO_PROCESS, pid) == min(19, before + 7)
+        assert os.getsid(pid) == pid
+        groups = Path(f"/proc/{pid}/autogroup")
+        if groups.exists() and groups.read_text():
+            assert groups.read_text().split()[-2:] == ["nice", "7"]
+            assert Path(f"/proc/{worker.pid}/autogroup").read_text() != groups.read_text()
+        client.post(f"/jobs/{job_id}/cancel")
+        until(client, job_id, "cancelled")
 
 
 def test_memory_limit_fails_the_job_and_spares_the_worker(
