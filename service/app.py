@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import cache
 from importlib.metadata import version
 
 from fastapi import FastAPI
@@ -74,5 +75,5 @@ def create_app(settings: Settings) -> FastAPI:
         jobs, extractions, tus.router, inspection, events, artifacts, shares, webhooks, operations,
     ):  # fmt: skip
         app.include_router(router)
-    app.openapi = lambda: describe(app)  # type: ignore[method-assign]
+    app.openapi = cache(lambda: describe(app))  # type: ignore[method-assign]
     return app

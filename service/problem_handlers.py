@@ -14,6 +14,7 @@ from fastapi.responses import JSONResponse, Response
 from redis.exceptions import OutOfMemoryError, ReadOnlyError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
+from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from mpf_core.errors import MPFError
@@ -29,6 +30,8 @@ _BY_STATUS = {
     415: "request.media_type",
     400: "request.malformed",
 }
+
+_METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
 
 
 def respond(
@@ -83,8 +86,21 @@ async def _on_http(request: Request, error: Exception) -> Response:
     code = _BY_STATUS.get(error.status_code)
     if code is None:
         return await _on_anything(request, error)
+    headers = dict(error.headers or {})
+    if code == "method_not_allowed":
+        headers["Allow"] = ", ".join(_allowed(request))
     return respond(Problem(code, f"{request.method} {request.url.path}: {error.detail}"),
-                   request, error.headers)  # fmt: skip
+                   request, headers)  # fmt: skip
+
+
+def _allowed(request: Request) -> list[str]:
+    """All methods of this path; the error itself knows those of the first route only."""
+    routes = request.app.router.routes
+    return [
+        method
+        for method in _METHODS
+        if any(r.matches({**request.scope, "method": method})[0] is Match.FULL for r in routes)
+    ]
 
 
 async def _on_disconnect(request: Request, _error: Exception) -> Response:

@@ -1,8 +1,8 @@
 """How quick polls are while others upload and two jobs fit: `python -m tests.load`.
 
 Exits with 1 if a request failed or the 99th percentile is above the target. What is measured is
-the clients' time, on the same cores: so it tells as well what they cost, and how much of the machine
-was taken by processes that have nothing to do with it.
+the clients' time, on the same cores: so it tells as well what they cost, and how much of the
+machine was taken by processes that have nothing to do with it.
 """
 
 from __future__ import annotations
@@ -107,8 +107,8 @@ def measure(
 
 @dataclass(frozen=True)
 class _Spent:
-    """Seconds of the clock, and of processor time: all of the machine, of what was started here (but
-    for the clients, which tell it themselves), and of the API and the jobs alone."""
+    """Seconds of the clock, and of processor time: of all the machine, of what was started here
+    (but for the clients, which tell it themselves), and of the API and the jobs alone."""
 
     clock: float
     machine: float

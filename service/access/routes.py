@@ -10,17 +10,23 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.caller import Caller
 from service.access.dependency import CallerDep
-from service.artifacts.routes import Ply, file_response, preview_response
+from service.artifacts.routes import file_response, preview_response
 from service.jobs.model import Job
 from service.jobs.routes import JobId
 from service.jobs.schemas import JobOut, job_out
 from service.problems import Problem
-from service.responses import problems
+from service.responses import links, problems
 from service.state import State, StateDep
 
 router = APIRouter(tags=["shares"])
 
 Token = Annotated[str, Path(description="Of the share link.", max_length=100)]
+
+
+class Anything(Response):
+    """Whichever file was asked for."""
+
+    media_type = "*/*"
 
 
 class ShareIn(BaseModel):
@@ -44,7 +50,16 @@ class ShareOut(BaseModel):
 @router.post(
     "/jobs/{job_id}/shares",
     status_code=201,
-    responses=problems("job.not_found", "job.expired", "access.denied", "request.invalid"),
+    responses=problems(
+        "job.not_found", "job.expired", "access.denied", "request.malformed", "request.invalid"
+    )
+    | {
+        201: {
+            "links": links(
+                {"job_id": "$request.path.job_id", "share_id": "$response.body#/id"}, "unshare"
+            )
+        }
+    },
 )
 def share(
     job_id: JobId, caller: CallerDep, state: StateDep, wanted: ShareIn | None = None
@@ -68,7 +83,9 @@ def unshare(job_id: JobId, share_id: str, caller: CallerDep, state: StateDep) ->
         raise Problem("share.not_found", f"job {job_id} has no share {share_id}")
 
 
-@router.get("/shared/{token}", responses=problems("share.not_found", "job.expired"))
+@router.get(
+    "/shared/{token}", responses=problems("share.not_found", "job.expired", "request.invalid")
+)
 def shared_job(token: Token, state: StateDep) -> JobOut:
     """The job that was shared."""
     return job_out(_shared(state, token), None)
@@ -76,9 +93,15 @@ def shared_job(token: Token, state: StateDep) -> JobOut:
 
 @router.get(
     "/shared/{token}/{name:path}",
-    response_class=Ply,
+    response_class=Anything,
     responses=problems(
-        "share.not_found", "artifact.not_found", "job.not_ready", "job.no_result", "job.expired"
+        "share.not_found",
+        "artifact.not_found",
+        "job.not_ready",
+        "job.no_result",
+        "job.expired",
+        "request.invalid",
+        "request.range",
     ),
 )
 def shared_file(token: Token, name: str, request: Request, state: StateDep) -> Response:

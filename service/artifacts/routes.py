@@ -18,7 +18,7 @@ from service.artifacts.archive import zip_of
 from service.jobs.routes import JobId
 from service.problem_handlers import respond
 from service.problems import Problem
-from service.responses import problems
+from service.responses import UNCHANGED, problems
 from service.state import State, StateDep
 
 router = APIRouter(tags=["artefacts"])
@@ -31,6 +31,7 @@ _PROBLEMS = problems(
     "job.no_result",
     "request.range",
 )
+_NO_RANGES = {status: told for status, told in _PROBLEMS.items() if status != 416}
 
 
 class Axis(StrEnum):
@@ -161,7 +162,8 @@ def slice_png(
 @router.get(
     "/jobs/{job_id}/preview.glb",
     response_class=Glb,
-    responses=problems("job.not_found", "job.expired", "artifact.not_found", "job.not_ready"),
+    responses=problems("job.not_found", "job.expired", "artifact.not_found", "job.not_ready")
+    | UNCHANGED,
 )
 def preview_glb(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
     """A coarse mesh of what the fit has come to; another one takes its place every few seconds."""
@@ -186,7 +188,7 @@ def cut_png(
     return file_response(state, caller, job_id, f"slices/{field}/{axis}/{index}.png", request)
 
 
-@router.get("/jobs/{job_id}/result.zip", response_class=Zip, responses=_PROBLEMS)
+@router.get("/jobs/{job_id}/result.zip", response_class=Zip, responses=_NO_RANGES)
 def result_zip(job_id: JobId, caller: CallerDep, state: StateDep) -> Zip:
     """All files of the result in one archive."""
     job = state.jobs.result_of(caller, job_id)

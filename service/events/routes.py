@@ -25,6 +25,16 @@ router = APIRouter(tags=["events"])
 
 PING_SECONDS = 15.0
 RETRY_MILLISECONDS = 2000
+_EVENT: dict[str, Any] = {
+    "type": "object",
+    "description": "One event; its data is JSON.",
+    "required": ["id", "event", "data"],
+    "properties": {
+        "id": {"type": "string", "pattern": r"^\d+-\d+$"},
+        "event": {"enum": ["job", "state", "progress", "preview", "cancel"]},
+        "data": {"type": "string", "contentMediaType": "application/json"},
+    },
+}
 _EVENT_ID = re.compile(r"\d{1,20}-\d{1,20}")
 
 
@@ -37,7 +47,8 @@ class EventStream(StreamingResponse):
 @router.get(
     "/jobs/{job_id}/events",
     response_class=EventStream,
-    responses=problems("job.not_found", "job.expired", "request.invalid"),
+    responses=problems("job.not_found", "job.expired", "request.invalid")
+    | {200: {"content": {EventStream.media_type: {"schema": _EVENT}}}},
 )
 async def events(
     job_id: JobId,

@@ -12,7 +12,7 @@ from service.access.dependency import CallerDep
 from service.jobs.extraction import extract
 from service.jobs.routes import IdempotencyKey, JobId, accepted
 from service.jobs.schemas import JobOut
-from service.responses import problems
+from service.responses import ACCEPTED, problems
 from service.state import StateDep
 
 router = APIRouter(tags=["jobs"])
@@ -37,12 +37,14 @@ class ExtractionIn(BaseModel):
         "job.no_result",
         "artifact.not_found",
         "options.invalid",
+        "request.malformed",
         "request.invalid",
         "idempotency.conflict",
         "quota.jobs",
         "queue.full",
         "storage.full",
-    ),
+    )
+    | ACCEPTED,
 )
 def extraction(
     job_id: JobId,

@@ -16,7 +16,7 @@ from service.jobs.commands import Filter, visible
 from service.jobs.model import Job, JobState
 from service.jobs.schemas import JobListOut, JobOut, RetryIn, cursor_from, job_out, place_from
 from service.problems import catalogue
-from service.responses import problems
+from service.responses import ACCEPTED, problems
 from service.state import State, StateDep
 from service.uploads.receive import reference_in
 
@@ -132,14 +132,7 @@ _UPLOAD_BODY: dict[str, Any] = {
         "storage.full",
         "idempotency.conflict",
     )
-    | {
-        202: {
-            "headers": {
-                "Location": {"schema": {"type": "string"}, "description": "Where the job is."},
-                "Retry-After": {"schema": {"type": "integer"}, "description": "s"},
-            }
-        }
-    },
+    | ACCEPTED,
 )
 async def submit(
     request: Request,
@@ -204,7 +197,7 @@ def delete(job_id: JobId, caller: CallerDep, state: StateDep) -> None:
     state.jobs.delete(caller, job_id)
 
 
-@router.post("/jobs/{job_id}/cancel", status_code=202, responses=_FOUND)
+@router.post("/jobs/{job_id}/cancel", status_code=202, responses=_FOUND | ACCEPTED)
 def cancel(
     job_id: JobId,
     response: Response,
@@ -224,12 +217,14 @@ def cancel(
         "job.not_found",
         "job.expired",
         "options.invalid",
+        "request.malformed",
         "request.invalid",
         "idempotency.conflict",
         "quota.jobs",
         "queue.full",
         "storage.full",
-    ),
+    )
+    | ACCEPTED,
 )
 def retry(
     job_id: JobId,

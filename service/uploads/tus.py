@@ -7,7 +7,7 @@ import base64
 import binascii
 from collections.abc import AsyncIterator
 from email.utils import formatdate
-from typing import Annotated
+from typing import Annotated, Any
 
 import anyio
 from anyio import to_thread
@@ -61,7 +61,17 @@ _HEADERS = {"Tus-Resumable": VERSION, "Cache-Control": "no-store"}
 _FOUND = problems("upload.not_found", "upload.version", "request.invalid")
 
 
-@router.options("", status_code=204)
+def _headers(*names: str) -> dict[str, Any]:
+    """What a successful answer tells in its header, and nowhere else."""
+    return {"headers": {name: {"schema": {"type": "string"}, "required": True} for name in names}}
+
+
+@router.options(
+    "",
+    status_code=204,
+    response_class=Response,
+    responses={204: _headers("Tus-Version", "Tus-Extension", "Tus-Max-Size")},
+)
 def discover(state: StateDep) -> Response:
     """Which parts of the protocol are spoken here."""
     told = {
@@ -76,8 +86,10 @@ def discover(state: StateDep) -> Response:
 @router.post(
     "",
     status_code=201,
+    response_class=Response,
     dependencies=_SPOKEN,
-    responses=problems("upload.version", "request.invalid", "storage.full"),
+    responses=problems("upload.version", "request.invalid", "storage.full")
+    | {201: _headers("Location", "Upload-Offset", "Upload-Expires")},
 )
 async def create(
     caller: CallerDep,
@@ -98,7 +110,12 @@ async def create(
     return Response(status_code=201, headers=headers | {"Location": f"/uploads/{upload.id}"})
 
 
-@router.head("/{upload_id}", dependencies=_SPOKEN, responses=_FOUND)
+@router.head(
+    "/{upload_id}",
+    response_class=Response,
+    dependencies=_SPOKEN,
+    responses=_FOUND | {200: _headers("Upload-Length", "Upload-Offset", "Upload-Expires")},
+)
 def where(upload_id: UploadId, caller: CallerDep, state: StateDep) -> Response:
     """How much of the upload has arrived."""
     upload = state.resumable.get(caller.owner, upload_id)
@@ -111,6 +128,7 @@ def where(upload_id: UploadId, caller: CallerDep, state: StateDep) -> Response:
 @router.patch(
     "/{upload_id}",
     status_code=204,
+    response_class=Response,
     dependencies=_SPOKEN,
     openapi_extra={
         "requestBody": {"required": True, "content": {PIECE_TYPE: {"schema": {"type": "string"}}}}
@@ -125,7 +143,8 @@ def where(upload_id: UploadId, caller: CallerDep, state: StateDep) -> Response:
         "request.media_type",
         "storage.full",
         *error_codes(),
-    ),
+    )
+    | {204: _headers("Upload-Offset", "Upload-Expires")},
 )
 async def append(
     upload_id: UploadId,
@@ -157,7 +176,13 @@ async def append(
     return Response(status_code=204, headers=await to_thread.run_sync(_told, state, upload))
 
 
-@router.delete("/{upload_id}", status_code=204, dependencies=_SPOKEN, responses=_FOUND)
+@router.delete(
+    "/{upload_id}",
+    status_code=204,
+    response_class=Response,
+    dependencies=_SPOKEN,
+    responses=_FOUND,
+)
 def terminate(upload_id: UploadId, caller: CallerDep, state: StateDep) -> Response:
     """Give the upload up."""
     state.resumable.remove(state.resumable.get(caller.owner, upload_id))
