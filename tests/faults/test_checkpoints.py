@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import signal
+import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -26,7 +29,9 @@ ENDLESS: dict[str, Any] = {
     "preset": "draft", "resolution": 32, "slices": 1, "width": 32, "max_iterations": 200_000,
     "time_budget": 100_000.0,
 }  # fmt: skip
+SEED = 5
 LOST_SECONDS = 30.0  # at most, of fitting
+AGAIN_SECONDS = 60.0  # at most, until a job that lost its worker runs again
 
 
 @pytest.fixture
@@ -57,43 +62,89 @@ class Watched:
     def wait(self, attempt: int) -> dict[str, Any]:
         return wait_for(lambda: self.progress(attempt), 60, f"attempt {attempt} fits")
 
+    def runs(self, attempt: int) -> bool:
+        """Whether this attempt has begun."""
+        job = self.client.get(self.url).json()
+        return (job["state"], job["attempt"]) == ("running", attempt)
+
+    def kept_at(self, attempt: int) -> float:
+        """When this attempt last kept its state, s since 1970; 0 while it has not."""
+        try:
+            return self.checkpoint(attempt).stat().st_mtime
+        except FileNotFoundError:
+            return 0.0
+
     def checkpoint(self, attempt: int) -> Path:
         return self.folder / f"checkpoint-{attempt}"
 
 
-def test_what_was_fitted_is_not_lost(client: TestClient, settings: Settings) -> None:
+def test_a_fit_that_is_killed_loses_little_and_goes_on_soon(
+    client: TestClient, settings: Settings
+) -> None:
+    chance = random.Random(SEED)  # noqa: S311
+    shipped = settings.model_copy(
+        update={"lease_seconds": Settings.model_fields["lease_seconds"].default}
+    )
+    fit = Watched(client, shipped)
+    with running_worker(shipped, WORKER) as first, running_worker(shipped, WORKER) as second:
+        for attempt, kind in enumerate(("job process", "worker and job process"), start=1):
+            fit.wait(attempt)
+            begin = time.time()
+            if attempt == 1:
+                wait_for(lambda: fit.kept_at(1), KEEP_EVERY + 30, "a checkpoint")
+            time.sleep(chance.uniform(0.0, KEEP_EVERY))
+            worker, pid = _at_work(first, second)
+            kept = iteration_in(fit.checkpoint(attempt))
+            # What the attempt before had kept is older than this one.
+            lost = time.time() - max(begin, fit.kept_at(attempt))
+            os.kill(pid, signal.SIGKILL)
+            if kind != "job process":
+                worker.kill()
+            killed = time.monotonic()
+            wait_for(lambda a=attempt: fit.runs(a + 1), AGAIN_SECONDS, "the next attempt")
+            again = time.monotonic() - killed
+            gone_on = fit.wait(attempt + 1)["iteration"]
+            tell(f"{kind} killed: {lost:.1f} s of fitting lost, running again after {again:.1f} s")
+            assert lost < LOST_SECONDS
+            assert again < AGAIN_SECONDS
+            assert gone_on > max(20, kept)  # 20: of a fit that begins anew
+        client.post(f"{fit.url}/cancel")
+        assert wait_for(lambda: _ended(client, fit.url), 20, "the end")["state"] == "cancelled"
+
+
+def _at_work(*workers: subprocess.Popen[bytes]) -> tuple[subprocess.Popen[bytes], int]:
+    """The worker that has the job, and its job process."""
+    for worker in workers:
+        if worker.poll() is None and (jobs := children_of(worker.pid)):
+            return worker, jobs[0]
+    raise AssertionError("no worker has the job")
+
+
+def test_what_was_fitted_goes_with_the_job_unless_it_is_damaged(
+    client: TestClient, settings: Settings
+) -> None:
     fit = Watched(client, settings)
     with running_worker(settings, WORKER) as worker:
         fit.wait(1)
-        wait_for(fit.checkpoint(1).exists, KEEP_EVERY + 30, "a checkpoint")
-        killed_at = fit.wait(1)
-        (pid,) = children_of(worker.pid)
-        os.kill(pid, signal.SIGKILL)
-        kept = iteration_in(fit.checkpoint(1))
-        second = fit.wait(2)
-        pace = killed_at["iteration"] / killed_at["seconds"]
-        lost = (killed_at["iteration"] - kept) / pace
-        tell(f"SIGKILL: {lost:.1f} s of fitting lost")
-        assert lost < LOST_SECONDS
-        assert second["iteration"] > max(20, kept)  # 20: of a fit that begins anew
+        wait_for(lambda: fit.wait(1)["iteration"] > 60, 30, "some fitting")
 
         # SIGTERM keeps the state at once, however long ago the last checkpoint was written.
-        before = fit.wait(2)["iteration"]
+        before = fit.wait(1)["iteration"]
         worker.terminate()
         assert worker.wait(60) == 0
     assert client.get(fit.url).json()["state"] == "queued"
     with running_worker(settings, WORKER) as worker:
-        third = fit.wait(3)["iteration"]
-        tell(f"SIGTERM: at iteration {before} when told, went on before {third}")
-        assert third >= before
+        second = fit.wait(2)["iteration"]
+        tell(f"SIGTERM: at iteration {before} when told, went on before {second}")
+        assert second >= before
         worker.terminate()
         assert worker.wait(60) == 0
 
-    fit.checkpoint(3).write_bytes(fit.checkpoint(3).read_bytes()[:-100])
+    fit.checkpoint(2).write_bytes(fit.checkpoint(2).read_bytes()[:-100])
     with running_worker(settings, WORKER):
-        assert fit.wait(4)["iteration"] < before
+        assert fit.wait(3)["iteration"] < before
         wait_for(
-            lambda: (fit.progress(4) or {}).get("iteration", 0) > FEWEST, 60, "enough for a surface"
+            lambda: (fit.progress(3) or {}).get("iteration", 0) > FEWEST, 60, "enough for a surface"
         )
         client.post(f"{fit.url}/cancel?keep=result")
         ended = wait_for(lambda: _ended(client, fit.url), 60, "the end")

@@ -85,40 +85,55 @@ def kill(pid: int) -> None:
 def test_workers_and_job_processes_killed_at_random(own_server: Server, tmp_path: Path) -> None:
     chance = random.Random(SEED)  # noqa: S311
     settings = settings_for(own_server, tmp_path, content_check_bytes=0, max_attempts=20)
+    # Each kind of kill as often, in a random order, at random moments.
+    kinds = ["worker", "job", "worker and job"] * 4
+    chance.shuffle(kinds)
     with running_api(settings) as api, supervised(Workers(settings)) as workers:
-        ids = [submit(api, "long-1.xyz") for _ in range(20)]
-        kills = 0
-        orphans: set[int] = set()
-        while kills < 12:
-            workers.supervisor.tick()
-            time.sleep(chance.uniform(0.3, 1.5))
-            parent = chance.choice(workers.pids() or [0])
-            if not parent:
-                continue
-            with contextlib.suppress(FileNotFoundError):
-                jobs = children_of(parent)
-                orphans.update(jobs)
-                for pid in chance.choice([[parent], jobs, [*jobs, parent]]):
-                    kill(pid)
-                    kills += 1
+        ids = [submit(api, "long-2.xyz") for _ in range(20)]
+        seen: set[int] = set()
+        for kind in kinds:
+            # From before the process has its lease to after it has told its end.
+            wait_for(lambda: _longest_at_work(workers), 40, "a worker at work")
+            time.sleep(chance.uniform(0.2, 3.0))
+            parent, jobs = wait_for(lambda: _longest_at_work(workers), 40, "a worker at work")
+            seen.update(jobs)
+            for pid in {"worker": [parent], "job": jobs}.get(kind, [*jobs, parent]):
+                kill(pid)
         finish(workers, lambda: states(api, ids)["succeeded"] == 20, 120)
         attempts: Counter[int] = Counter()
         redis = connect(settings)
         for job_id in ids:
+            job = httpx2.get(f"{api}/jobs/{job_id}", timeout=20).json()
+            attempts[job["attempt"]] += 1
             stream = redis.xrange(f"mpf:job:{job_id}:events")
-            ends = [e for _, e in stream if b'"succeeded"' in e[b"data"]]
-            assert len(ends) == 1
-            attempts[httpx2.get(f"{api}/jobs/{job_id}", timeout=20).json()["attempt"]] += 1
-            # Only the attempt that counts has left files.
-            assert len(list((settings.data_dir / "jobs" / job_id).glob("result-*"))) >= 1
+            assert len([e for _, e in stream if b'"succeeded"' in e[b"data"]]) == 1
+            # Only the attempt that counts has left files, and no two were ever at work at once.
+            report = httpx2.get(f"{api}{job['artifacts']['report.json']['href']}", timeout=20)
+            assert report.json() == {"attempt": job["attempt"]}
+            folder = settings.data_dir / "jobs" / job_id
+            assert [p.name for p in folder.glob("result-*")] == [f"result-{job['attempt']}"]
+            assert not list(folder.glob("work-*"))
+            assert not (folder / "two-at-once").exists()
         redis.close()
         assert sum(attempts.values()) == 20
-        tell(f"20 jobs, {kills} kills, attempts at a job: {dict(sorted(attempts.items()))}")
-        assert max(attempts) > 1
-        running_jobs = {pid for parent in workers.pids() for pid in children_of(parent)}
-        wait_for(
-            lambda: not any(alive(pid) for pid in orphans - running_jobs), 10, "no orphan left"
+        tell(
+            f"20 jobs, {dict(Counter(kinds))} killed; each succeeded once, "
+            f"jobs by attempts needed: {dict(sorted(attempts.items()))}"
         )
+        assert sum(n * (needed - 1) for needed, n in attempts.items()) >= len(kinds) // 3
+        at_work = {pid for parent in workers.pids() for pid in children_of(parent)}
+        wait_for(lambda: not any(alive(pid) for pid in seen - at_work), 10, "no orphan left")
+
+
+def _longest_at_work(workers: Workers) -> tuple[int, list[int]] | None:
+    """The worker whose job process was started first, and that process."""
+    workers.supervisor.tick()
+    busy = []
+    for parent in workers.pids():
+        with contextlib.suppress(FileNotFoundError):
+            if jobs := children_of(parent):
+                busy.append((Path(f"/proc/{jobs[0]}").stat().st_ctime, parent, jobs))
+    return min(busy)[1:] if busy else None
 
 
 def test_valkey_killed_while_jobs_are_queued_running_and_submitted(

@@ -14,12 +14,14 @@ fill      write a result of 50 MB
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import signal
 import sys
 import time
 from pathlib import Path
+from typing import IO
 
 from mpf_core.errors import Cancelled, Collinear
 from mpf_core.progress import Progress
@@ -41,6 +43,7 @@ def word_of(run: tasks.Run) -> str:
 def runner(run: tasks.Run) -> None:
     assert run.job.input is not None
     word, _, number = Path(run.job.input.name).stem.partition("-")
+    alone = _alone(run)
     if word == "line":
         raise Collinear("the points lie on a line")
     if word == "die" and run.job.attempt <= int(number):
@@ -55,8 +58,21 @@ def runner(run: tasks.Run) -> None:
     if word in ("long", "show", "stubborn", "burn"):
         _work(run, float(number or 60), heed=word != "stubborn", pause=0.02 * (word != "burn"))
     _write(run.out, run.job.attempt)
+    if alone is not None:
+        alone.close()
     if word != "fieldless":
         (run.out / "field.safetensors").write_bytes(b"field of " + run.job.id.encode())
+
+
+def _alone(run: tasks.Run) -> IO[bytes] | None:
+    """Leaves a file `two-at-once` beside the input if another process is at work on this job."""
+    lock = run.input.with_name("at-work").open("ab")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        run.input.with_name("two-at-once").touch()
+        return None
+    return lock
 
 
 def extraction_runner(run: tasks.Run) -> None:
