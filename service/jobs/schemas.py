@@ -93,9 +93,13 @@ class JobOut(BaseModel):
     problem: ProblemOut | None = Field(description="Why it failed or was cancelled.")
     created_at: datetime
     updated_at: datetime
-    started_at: datetime | None
+    queued_at: datetime = Field(description="Of this attempt.")
+    started_at: datetime | None = Field(description="Of the latest attempt that has started.")
     finished_at: datetime | None
-    expires_at: datetime = Field(description="When its files are removed, if it has ended by then.")
+    expires_at: datetime = Field(
+        description="When its files are removed, if it has ended by then; of an expired job, when "
+        "that was."
+    )
     artifacts: dict[str, ArtifactOut] = Field(description="The files of the result by name.")
     links: dict[str, str]
 
@@ -117,6 +121,7 @@ def job_out(job: Job, position: int | None) -> JobOut:
         problem=ProblemOut(**job.problem) if job.problem else None,
         created_at=_time(job.created_at),
         updated_at=_time(job.updated_at),
+        queued_at=_time(job.queued_at),
         started_at=_time(job.started_at) if job.started_at else None,
         finished_at=_time(job.finished_at) if job.finished_at else None,
         expires_at=_time(job.expires_at),

@@ -285,6 +285,8 @@ _STAMPS = {
     JobState.SUCCEEDED: "finished_at",
     JobState.FAILED: "finished_at",
     JobState.CANCELLED: "finished_at",
+    # It may come early, for want of room.
+    JobState.EXPIRED: "expires_at",
 }
 
 

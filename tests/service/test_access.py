@@ -70,6 +70,11 @@ def test_a_share_link_reads_one_job_and_can_be_ended(
     assert client.get(f"{share['href']}/../input.xyz").status_code == 404
     assert client.get(f"{share['href']}/%2e%2e/input.xyz").status_code == 404
     assert client.get("/shared/nonsense").json()["code"] == "share.not_found"
+    for method in ("POST", "DELETE"):
+        assert client.request(method, share["href"]).status_code == 405  # it only lets read
+    brief = client.post(f"/jobs/{job_id}/shares", headers=bearer(token), json={"seconds": 60})
+    (left,) = [redis.ttl(key) for key in redis.keys(f"*{brief.json()['id']}*")]
+    assert 0 < left <= 60
     ended = client.delete(f"/jobs/{job_id}/shares/{share['id']}", headers=bearer(token))
     assert ended.status_code == 204
     assert client.get(share["href"]).status_code == 404
@@ -82,6 +87,7 @@ def test_rates_and_quotas(strict: Settings, redis: Redis) -> None:
         assert client.post("/jobs", headers=bearer(token), **form()).status_code == 202
         full = client.post("/jobs", headers=bearer(token), **form())
         assert (full.status_code, full.json()["code"]) == (429, "quota.jobs")
+        assert int(full.headers["retry-after"]) >= 1
         answers = [client.get("/jobs", headers=bearer(token)) for _ in range(3)]
         assert answers[-1].json()["code"] == "rate.exceeded"
         assert int(answers[-1].headers["retry-after"]) >= 1
@@ -111,6 +117,15 @@ def test_pages_of_other_origins_cannot_use_a_keyless_service(settings: Settings)
             answer = client.post("/jobs", headers=local | {"Origin": origin}, **form())
             assert answer.status_code == 202
         assert answer.headers["access-control-allow-origin"] == "https://app.example"
+        asked = {"Access-Control-Request-Method": "PATCH", "Origin": "https://app.example"}
+        asked["Access-Control-Request-Headers"] = "Tus-Resumable, Idempotency-Key"
+        allowed = client.options("/uploads/x", headers=local | asked)
+        assert allowed.status_code == 200
+        assert "PATCH" in allowed.headers["access-control-allow-methods"]
+        refused = client.options(
+            "/jobs", headers=local | asked | {"Origin": "https://evil.example"}
+        )
+        assert "access-control-allow-origin" not in refused.headers
         assert "access-control-allow-origin" not in foreign.headers
 
 
