@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -68,6 +69,9 @@ def test_ends_of_every_kind(client: TestClient, settings: Settings) -> None:
         ended = until(client, always, "failed")
         assert ended["problem"]["code"] == "job.crashed"
         assert ended["attempt"] == settings.max_attempts
+    figures = client.get("/metrics").text
+    for code in ("job.crashed", "cloud.collinear"):
+        assert f'mpf_jobs_ended_total{{state="failed",code="{code}"}} 1' in figures
 
 
 def test_cancel_running_and_queued(client: TestClient, settings: Settings) -> None:
@@ -75,6 +79,9 @@ def test_cancel_running_and_queued(client: TestClient, settings: Settings) -> No
         running, queued = submit(client, "long-60.xyz"), submit(client, "ok.xyz")
         wait_for(lambda: state_of(client, running)["progress"], 20, "progress")
         assert state_of(client, queued)["queue_position"] == 0
+        speed = re.search(r"^mpf_iterations_per_second (\S+)", client.get("/metrics").text, re.M)
+        assert speed
+        assert 10 < float(speed[1]) < 101  # it tells a hundred a second
         assert client.post(f"/jobs/{queued}/cancel").json()["state"] == "cancelled"
         assert client.post(f"/jobs/{running}/cancel").status_code == 202
         job = until(client, running, "cancelled", seconds=2 / PATIENCE)
@@ -83,6 +90,16 @@ def test_cancel_running_and_queued(client: TestClient, settings: Settings) -> No
         wait_for(lambda: state_of(client, stubborn)["progress"], 20, "progress")
         assert client.post(f"/jobs/{stubborn}/cancel").json()["cancelling"] is True
         until(client, stubborn, "cancelled", seconds=5)
+
+
+def test_a_surface_that_is_to_be_kept_has_its_time_too(
+    client: TestClient, settings: Settings
+) -> None:
+    with running_worker(settings.model_copy(update={"keep_grace_seconds": 0.5})):
+        stubborn = submit(client, "stubborn.xyz")
+        wait_for(lambda: state_of(client, stubborn)["progress"], 20, "progress")
+        assert client.post(f"/jobs/{stubborn}/cancel?keep=result").json()["cancelling"] is True
+        assert until(client, stubborn, "cancelled", seconds=10)["artifacts"] == {}
 
 
 def test_a_job_process_yields_to_the_whole_machine(client: TestClient, settings: Settings) -> None:
