@@ -24,7 +24,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mpf_core.cloud.denoise import denoise
+from mpf_core.cloud.denoise import Smoothed, denoise, smoothed
 from mpf_core.cloud.neighbors import Neighborhoods, analyse, median_spacing
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.cloud.pointcloud import PointCloud
@@ -109,10 +109,16 @@ def _reconstructed(
     watch.enter("initialize")
     rng = np.random.default_rng(options.seed)
     start: Initialization | None = None
+    calm: Smoothed | None = None
     if options.fit.warm_start:
         start = initialize(neighbours, threads=threads)
         watch.check()
-        pools = warm_pools(cleaned.points, neighbours, start, rng, size=pool_size(options.fit))
+        calm = smoothed(cleaned.measured, neighbours, start.normals, threads) if remove else None
+        if calm is not None:
+            neighbours = analyse(calm.points, threads=threads)
+            start = initialize(neighbours, threads=threads)
+        known = cleaned.points if calm is None else calm.points
+        pools = warm_pools(known, neighbours, start, rng, size=pool_size(options.fit))
     else:
         pools = paper_pools(neighbours, rng, threads=threads)
 
@@ -162,8 +168,8 @@ def _reconstructed(
         **run_report(options),
         "input": {
             **input_report(cloud.notes, prepared.report),
-            "noise": similarity.length_to_input(cleaned.sigma),
-            "denoised": cleaned.points is not samples,
+            "noise": similarity.length_to_input(calm.noise if calm else cleaned.sigma),
+            "denoised": calm is not None or cleaned.points is not samples,
         },
         "frame": {"center": similarity.center.tolist(), "scale": similarity.scale},
         "fit": _fit_report(neighbours, start, log, previews),

@@ -3,8 +3,10 @@
 Where the samples scatter across the surface by as much as their spacing, neighbourhoods of fixed
 size see a ball, not a plane. The neighbourhood is enlarged until it looks flat; samples are then
 projected onto its weighted plane (one step of moving least squares, Levin 2003), and thinned to
-the spacing that their noise allows. The two sides of a thin wall scatter as widely, but in two
-peaks: of them the spread within a side counts.
+the spacing that their noise allows. That is enough to find normals and sides; with those,
+`smoothed` fits quadrics to the samples as they were measured, which errs half as much.
+The two sides of a thin wall scatter as widely, but in two peaks: of them the spread within a side
+counts.
 """
 
 from __future__ import annotations
@@ -16,7 +18,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mpf_core.cloud.layers import PATCH, split
-from mpf_core.cloud.neighbors import CHUNK, nearest, principal_axes
+from mpf_core.cloud.neighbors import (
+    CHUNK,
+    SPACING_NEIGHBOUR,
+    Neighborhoods,
+    nearest,
+    principal_axes,
+)
+from mpf_core.cloud.quadrics import Samples, best_kernel, fitted
 from mpf_core.cloud.thinning import ANALYSED, one_of_each_voxel
 
 SIZES = (16, 30, 50, 100, 160)  # neighbours tried
@@ -32,11 +41,13 @@ class Denoised:
     """The samples as later rooms use them, in the frame given.
 
     points: (n, 3) projected samples; the input itself when no noise was found
+    measured: (k, 3) the samples as they came, at most ANALYSED
     thinned: (m, 3) at most ANALYSED of them, at the spacing that the noise allows
     neighbours: size of the neighbourhoods; sigma: spread of the input about the surface
     """
 
     points: Array
+    measured: Array
     thinned: Array
     neighbours: int
     sigma: float
@@ -52,12 +63,48 @@ def denoise(points: Array, *, remove: bool = True, seed: int = 0, threads: int =
     probe = np.random.default_rng(seed).permutation(len(few))[:PROBES]
     size, sigma = _flat_neighbourhood(few, tree, probe, threads)
     if size == SIZES[0] or not remove:
-        return Denoised(points, few, size, sigma)
+        return Denoised(points, few, few, size, sigma)
     moved = few
     for _ in range(ROUNDS):
         moved = _projected(moved, size, threads)
     thinned = _thin(moved, size / SIZES[0], threads)
-    return Denoised(moved, thinned, size, sigma)
+    return Denoised(moved, few, thinned, size, sigma)
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """points: (m, 3); noise: spread of the measured samples about the surface through them."""
+
+    points: Array
+    noise: float
+
+
+def smoothed(
+    measured: Array, neighbours: Neighborhoods, normals: Array, threads: int = -1
+) -> Smoothed | None:
+    """The analysed points moved onto quadrics fitted to the `measured` samples (k, 3), or None if
+    these lie on the surface as it is.
+
+    `normals` (m, 3) are those of the analysed points, oriented where sides matter.
+    """
+    facing, spacing, tree = normals, neighbours.spacing, neighbours.tree
+    if measured is not neighbours.points:
+        tree = cKDTree(measured)
+        facing = normals[nearest(neighbours.tree, measured, 1, threads)[1][:, 0]]
+        spacing = nearest(tree, measured, SPACING_NEIGHBOUR + 1, threads)[0][:, -1]
+    samples = Samples(measured, facing, tree)
+    kernel = best_kernel(samples, spacing, threads)
+    if kernel.narrowest:
+        return None
+    scale = spacing
+    if measured is not neighbours.points:
+        scale = spacing[nearest(tree, neighbours.points, 1, threads)[1][:, 0]]
+    points, direction = neighbours.points, normals
+    for _ in range(ROUNDS):
+        size = kernel.width, kernel.neighbours
+        fit = fitted(samples, points, direction, scale, size, threads)
+        points, direction = points + fit.height[:, None] * fit.normals, fit.normals
+    return Smoothed(points, kernel.noise)
 
 
 def _flat_neighbourhood(

@@ -21,12 +21,13 @@ from scipy.spatial import cKDTree
 
 from mpf_core.cloud.neighbors import Neighborhoods, nearest
 from mpf_core.cloud.normalize import Similarity
+from mpf_core.cloud.quadrics import in_parts
 from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.sides import Sides
 from mpf_core.options import DataOptions
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import unit_normals
-from mpf_core.surface.patches import NEIGHBOURS, Patches, in_parts, patches_of, pull
+from mpf_core.surface.patches import NEIGHBOURS, Patches, patches_of, pull
 from mpf_core.surface.takeback import Crossings, Motion, allowed_share
 
 STEPS = 2  # moves onto the surface; the second is already a tenth of the first

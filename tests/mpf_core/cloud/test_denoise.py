@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mpf_core.cloud.denoise import denoise
+from mpf_core.cloud.denoise import denoise, smoothed
+from mpf_core.cloud.neighbors import analyse
 from tests.mpf_core.clouds import plane, sphere
 
 
@@ -66,3 +67,53 @@ def test_the_seed_decides_and_the_input_is_not_written_to() -> None:
     assert np.array_equal(points, kept)
     assert np.array_equal(one.points, two.points)
     assert np.array_equal(one.thinned, two.thinned)
+
+
+@pytest.mark.parametrize("points", [sphere(3000), plane(40)], ids=["sphere", "plane"])
+def test_samples_on_the_surface_stay_there(points: NDArray[np.float64]) -> None:
+    neighbours = analyse(points)
+    assert smoothed(points, neighbours, neighbours.normals) is None
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.02])
+def test_quadrics_leave_a_fifth_of_the_noise_and_tell_how_much_there_was(noise: float) -> None:
+    points = sphere(6000, noise=noise)
+    neighbours = analyse(points)
+    found = smoothed(points, neighbours, oriented(points, neighbours.normals))
+    assert found is not None
+    assert found.noise == pytest.approx(noise, rel=0.1)
+    after = np.linalg.norm(found.points, axis=1)
+    assert np.abs(after - 1).mean() < 0.2 * noise
+    assert after.mean() == pytest.approx(1, abs=0.1 * noise)  # a quadric cuts no cap off
+
+
+def test_quadrics_reach_the_measured_samples_past_the_planes_that_found_the_normals() -> None:
+    points = sphere(6000, noise=0.05)
+    cleaned = denoise(points)
+    assert cleaned.points is not points
+    neighbours = analyse(cleaned.thinned)
+    found = smoothed(cleaned.measured, neighbours, oriented(cleaned.thinned, neighbours.normals))
+    assert found is not None
+    assert found.points.shape == cleaned.thinned.shape
+    before = np.abs(np.linalg.norm(cleaned.thinned, axis=1) - 1).mean()
+    assert np.abs(np.linalg.norm(found.points, axis=1) - 1).mean() < 0.8 * before
+
+
+def test_the_two_sides_of_a_wall_keep_apart_while_they_are_smoothed() -> None:
+    sheet = plane(50)
+    points = np.concatenate([sheet, sheet + np.array([0.01, 0.007, 0.15])])
+    points[:, 2] += 0.01 * np.random.default_rng(0).normal(size=len(points))
+    neighbours = analyse(points)
+    up = np.where(points[:, 2] > 0.075, 1.0, -1.0)
+    normals = neighbours.normals * np.sign(neighbours.normals[:, 2] * up)[:, None]
+    found = smoothed(points, neighbours, normals)
+    assert found is not None
+    for side, height in ((up < 0, 0.0), (up > 0, 0.15)):
+        inner = side & (np.abs(points[:, :2]) < 0.8).all(1)
+        assert found.points[inner, 2].mean() == pytest.approx(height, abs=0.002)
+        assert found.points[inner, 2].std() < 0.005
+
+
+def oriented(points: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`normals` of a ball about the origin, outwards."""
+    return normals * np.sign(np.einsum("ni,ni->n", normals, points))[:, None]
