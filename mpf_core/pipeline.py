@@ -29,7 +29,8 @@ from mpf_core.cloud.neighbors import Neighborhoods, analyse, median_spacing
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.cloud.prepare import PrepareOptions, prepare
-from mpf_core.field.fitted import FittedField
+from mpf_core.field import MetricPhaseField
+from mpf_core.field.fitted import FittedField, theta_of
 from mpf_core.field.footprint import Footprint
 from mpf_core.fit.initialize import Initialization, initialize
 from mpf_core.fit.sampler import paper_pools, pool_size, warm_pools
@@ -43,11 +44,13 @@ from mpf_core.quality.report import input_report, run_report, surface_report
 from mpf_core.surface.edit import edited
 from mpf_core.surface.extraction import extract_mesh
 from mpf_core.surface.fidelity import onto_data
+from mpf_core.surface.forecast import area_of, seconds_after_fit
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.resolution import shell_of
 from mpf_core.watch import Watch
 
-EXTRACTION_SHARE = 0.2  # of the time budget, kept for extraction, report and writing
+# Shares of the time budget, between which what is kept for extraction, report and writing lies.
+LEAST_KEPT, MOST_KEPT = 0.05, 0.4
 PADDING = 0.05  # of the normalised frame, around the samples
 
 
@@ -129,17 +132,6 @@ def _reconstructed(
         draw = partial(coarse_mesh, neighbours, box, similarity, painted, watch.cancel)
         previews = Previews(draw, watch.preview, watch.clock)
 
-    watch.enter("fit")
-    field, log = fit_field(
-        pools,
-        options.fit,
-        watch.control((1 - EXTRACTION_SHARE) * options.fit.time_budget, previews),
-        seed=options.seed,
-        reliability=neighbours.normal_reliability,
-        threads=threads,
-    )
-
-    watch.enter("extract")
     footprint = Footprint.of(
         samples,
         spacing=spacing,
@@ -147,6 +139,17 @@ def _reconstructed(
         thickness=shell_of(start),
         colors=cloud.colors,
     )
+    watch.enter("fit")
+    field, log = fit_field(
+        pools,
+        options.fit,
+        watch.control(_deadline(options, footprint, neighbours, start, watch.clock), previews),
+        seed=options.seed,
+        reliability=neighbours.normal_reliability,
+        threads=threads,
+    )
+
+    watch.enter("extract")
     fitted = FittedField(field, similarity, box, footprint)
     taken = extract_mesh(fitted, options.surface, painted=painted, cancel=watch.cancel)
     watch.check()
@@ -184,6 +187,21 @@ def _reconstructed(
     watch.enter("done")
     report["timings"] = dict(watch.seconds)
     return Reconstruction(fitted, final.mesh, report)
+
+
+def _deadline(
+    options: Options,
+    footprint: Footprint,
+    neighbours: Neighborhoods,
+    start: Initialization | None,
+    clock: Clock,
+) -> float:
+    """Seconds after the beginning at which the fit must end, for all to end in time."""
+    budget = options.fit.time_budget
+    alike = theta_of(MetricPhaseField(width=options.fit.width, omega=options.fit.omega))
+    area = area_of(neighbours, 0.0 if start is None else 1 - start.seeded)
+    needed = seconds_after_fit(options.surface, footprint, area, alike, clock)
+    return budget - float(np.clip(needed, LEAST_KEPT * budget, MOST_KEPT * budget))
 
 
 def _fit_report(

@@ -25,9 +25,11 @@ FAR = (2.0, 3.0)
 EXPLAINED = 0.95  # share of samples that bound a solid, below which gaps are looked for
 # Samples per analysed one from which the nearest one's normal will do: seconds for millions.
 DENSE = 3
-# Half thickness ε of the shell around a sheet, normalised units. At 0.004 a tenth of a noisy helmet
-# is lost after 1000 steps, at 0.006 a thousandth; the fit ends thinner where the data allow.
-SHELL = 0.006
+# Half thickness ε of the shell around a sheet: SHELL_SPACINGS of the median spacing, between SHELL
+# and THICKEST, normalised. At 0.004 a tenth of a noisy helmet is lost after 1000 steps, at 0.006 a
+# thousandth; a thicker one is fitted sooner and extracted on fewer cells, and as long as it is
+# thinner than the spacing no two sheets that the samples tell apart meet. The last step thins it.
+SHELL, SHELL_SPACINGS, THICKEST = 0.006, 0.3, 0.009
 
 Array = NDArray[np.float64]
 
@@ -109,9 +111,12 @@ class Initialization:
 
 
 def initialize(
-    neighbours: Neighborhoods, *, shell: float = SHELL, threads: int = -1
+    neighbours: Neighborhoods, *, shell: float | None = None, threads: int = -1
 ) -> Initialization:
-    """The classical start from the neighbourhoods of a cloud in [-1, 1]³; `shell` is ε."""
+    """The classical start from the neighbourhoods of a cloud in [-1, 1]³; `shell` is ε, by the
+    spacing if not given."""
+    if shell is None:
+        shell = float(np.clip(SHELL_SPACINGS * neighbours.median_spacing, SHELL, THICKEST))
     space = parted(neighbours, flood(neighbours))
     normals = orient(neighbours, outward_seeds(neighbours, space))
     bounds = sides(neighbours, normals, space)

@@ -39,5 +39,10 @@ def coarsened(vertices: Array, faces: Faces, spacing: float) -> tuple[Array, Fac
 def wanted_faces(vertices: Array, faces: Faces, spacing: float) -> int:
     """By the area of the mesh."""
     area = float(np.linalg.norm(face_crosses(Mesh(vertices, faces)), axis=1).sum()) / 2
+    return faces_for(area, spacing)
+
+
+def faces_for(area: float, spacing: float) -> int:
+    """How many faces a surface of so much area gets."""
     edge = spacing / EDGES_PER_SPACING
     return int(np.clip(area / (np.sqrt(3) / 4 * edge**2), FEWEST, MOST))

@@ -1,0 +1,69 @@
+"""What extraction will cost, told before the fit from the samples alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mpf_core.cloud.neighbors import analyse
+from mpf_core.field.footprint import Footprint
+from mpf_core.options import options_from
+from mpf_core.surface import forecast
+from mpf_core.surface.isosurface import Grid, extract
+from tests.mpf_core.clouds import plane, sphere
+
+
+class Ticking:
+    """A clock that an evaluation moves on by a fixed time per point."""
+
+    def __init__(self, pace: float) -> None:
+        self.now, self.pace = 0.0, pace
+
+    def evaluate(self, points: NDArray[np.float64]) -> NDArray[np.float32]:
+        self.now += self.pace * len(points)
+        return (np.linalg.norm(points, axis=1) - 0.8).astype(np.float32)
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def footprint(points: NDArray[np.float64], thickness: float | None = None) -> Footprint:
+    spacing = analyse(points).median_spacing
+    return Footprint.of(points, spacing=spacing, reach=spacing, thickness=thickness)
+
+
+def told(points: NDArray[np.float64], pace: float = 1e-5, **changes: Any) -> float:
+    clock = Ticking(pace)
+    area = forecast.area_of(analyse(points), 0.0)
+    options = options_from(changes).surface
+    return forecast.seconds_after_fit(options, footprint(points), area, clock.evaluate, clock)
+
+
+def test_samples_tell_the_area_of_what_they_cover() -> None:
+    ball = analyse(sphere(6000))
+    assert forecast.area_of(ball, 0.0) == pytest.approx(
+        4 * np.pi, rel=0.2
+    )  # even samples are closer
+    assert forecast.area_of(ball, 1.0) == pytest.approx(2 * forecast.area_of(ball, 0.0))
+    assert forecast.area_of(analyse(plane(60)), 0.0) == pytest.approx(4, rel=0.25)
+
+
+def test_the_cells_that_a_ball_crosses_are_foretold() -> None:
+    """A ball of area 8.04 on a grid of 100."""
+    clock = Ticking(0.0)
+    points = 0.8 * sphere(4000)
+    grid = Grid.around(np.full(3, -1.0), np.full(3, 1.0), 100)
+    crossed = extract(clock.evaluate, grid, footprint(points).tree, reach=0.1).crossed_cells
+    area = forecast.area_of(analyse(points), 0.0)
+    assert forecast.CROSSED * area * 50**2 == pytest.approx(crossed, rel=0.25)
+
+
+def test_time_grows_with_the_pace_and_with_the_square_of_the_resolution() -> None:
+    points = 0.8 * sphere(4000)
+    few, more = (told(points, resolution=r) - forecast.FIXED for r in (128, 256))
+    assert more == pytest.approx(4 * few, rel=1e-6)
+    slow = told(points, pace=2e-5, resolution=128) - forecast.FIXED
+    assert slow == pytest.approx(2 * few, rel=1e-6)
