@@ -229,7 +229,7 @@ class DataOptions:
         expert=False,
     )
     sheet_thickness: float = option(
-        0.12,
+        0.06,
         "Thickness that the last step gives to the shell around an open sheet: a one-layer surface "
         "is then missed by a quarter of it on average, and the walls still stay well apart.",
         low=0.01,
