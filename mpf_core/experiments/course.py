@@ -113,7 +113,7 @@ def trials(asked: Asked) -> list[Trial]:
     clouds = CLOUDS[:1] if asked.quick else CLOUDS
     made = []
     for name, points in clouds:
-        for preset in ("paper", "balanced", "draft"):
+        for preset in ("paper", *([asked.preset] if asked.preset else ("balanced", "draft"))):
             own: dict[str, Any] = {"preset": preset, "slices": 0}
             if asked.quick:
                 own |= {"max_iterations": 60, "surface_points": 64, "near_points": 64}

@@ -32,8 +32,8 @@ from mpf_core.surface.slices import cut
 
 SHAPE, POINTS = "cube-sheet", 10_000
 NAMES = {"r": "r", "theta": "θ", "P": "P", "phi": "φ"}
-ACROSS = "x"  # the sheet lies in a plane across z, the cube around the origin of the original
-SHEET_AT, CUBE_AT = 0.55, -0.27  # y of the two lines, in the shape's frame
+ACROSS = "x"  # a cut at x = 0 meets the cube, |z| < 0.53, and the sheet, z = 0, edge on
+SHEET_AT, CUBE_AT = 0.55, -0.45  # y of the two lines, in the shape's frame
 REACH = 0.7  # half the length of a line
 PROBES = 1401
 WITHIN = 0.05  # from the exact surface: where slopes are compared

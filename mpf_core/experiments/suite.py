@@ -25,13 +25,15 @@ _SHAPES = (
 @dataclass(frozen=True)
 class Experiment:
     """A table: its trials without seeds, as asked for, and what the paper says of them, or what
-    they are to reach."""
+    they are to reach. Where `sized`, the trials have taken the size and the preset that are asked
+    for themselves."""
 
     name: str
     title: str
     trials: Callable[[Asked], list[Trial]]
     paper: dict[str, str] = field(default_factory=dict)
     beside: str = "paper"
+    sized: bool = False
 
 
 def _thickness(asked: Asked) -> list[Trial]:
@@ -108,13 +110,17 @@ EXPERIMENTS: dict[str, Experiment] = {
     "phase-only": Experiment("phase-only", "φ = P alone", ablation.phase_only),
     "scaling": Experiment("scaling", "Seconds and memory", scaling.trials),
     "baselines": Experiment("baselines", "What people would use instead", baselines.trials),
-    "paper": Experiment("paper", "The paper's recipe and ours over time", course.trials),
+    "paper": Experiment(
+        "paper", "The paper's recipe and ours over time", course.trials, sized=True
+    ),
 }
 
 
 def trials(name: str, asked: Asked) -> list[Trial]:
     """The trials of an experiment, with the options and the seeds asked for."""
     wanted = [t for t in EXPERIMENTS[name].trials(asked) if (asked.only or "") in t.label]
+    if EXPERIMENTS[name].sized:
+        asked = replace(asked, preset=None, iterations=None, points=None)
     made = [_as_asked(t, asked) if t.is_fit else t for t in wanted]
     return [one for t in made for one in t.seeded(1 if asked.quick else asked.seeds)]
 

@@ -190,8 +190,8 @@ def test_command_says_what_is_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.slow
-def test_the_quick_form_of_a_real_experiment(tmp_path: Path) -> None:
-    pytest.importorskip("mpf_core.pipeline")
-    told = CliRunner().invoke(experiment, ["thickness", "--quick", "--out", str(tmp_path)])
+@pytest.mark.parametrize("name", ["thickness", "ablation", "phase-only"])
+def test_the_quick_form_of_a_real_experiment(tmp_path: Path, name: str) -> None:
+    told = CliRunner().invoke(experiment, [name, "--quick", "--out", str(tmp_path)])
     assert told.exit_code == 0, told.output
     assert (tmp_path / "sheet.png").is_file()
