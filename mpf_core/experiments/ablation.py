@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mpf_core.experiments.asked import QUICK_POINTS, Asked
+from mpf_core.experiments.asked import QUICK_POINTS, SETS, Asked
 from mpf_core.experiments.trial import Trial
 from mpf_core.options import PRESETS
 
@@ -56,8 +56,8 @@ def terms(asked: Asked) -> list[Trial]:
         changed |= ADDITIONS
     shapes = SHAPES[:1] if asked.quick else SHAPES
     if asked.quick:
-        kept = ("as it is", "λ phase × 0", "φ = r·P, no residual")
-        changed = {label: changed[label] for label in kept}
+        kept = ("as it is", "φ = r·P, no residual")
+        changed = {label: changed[label] | dict.fromkeys(SETS, 64) for label in kept}
     return [
         _trial(f"{shape}, {label}", shape, QUICK_POINTS if asked.quick else points, own)
         for shape, points in shapes
@@ -87,7 +87,7 @@ def _thin(label: str, own: dict[str, Any], asked: Asked, method: str = "mpf") ->
     own = {"preset": "paper", "slices": 0, **own}
     if asked.quick:
         own |= {"max_iterations": 60, "width": 32, "resolution": 64}
-        own |= dict.fromkeys(("surface_points", "near_points", "far_points"), 64)
+        own |= dict.fromkeys(SETS, 64)
         own |= {"laplacian_points": 64}
     return _trial(label, THIN, QUICK_POINTS if asked.quick else 10_000, own, method)
 

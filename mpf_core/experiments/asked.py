@@ -38,7 +38,7 @@ class Asked:
         """The command line; folders are left out, which differ from machine to machine."""
         flags: dict[str, Any] = {
             "--budget": self.budget,
-            "--seeds": self.seeds,
+            "--seeds": self.seeds if self.seeds > 1 else None,
             "--preset": self.preset,
             "--iterations": self.iterations,
             "--points": self.points,

@@ -21,7 +21,7 @@ from safetensors.torch import save
 
 from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.errors import SurfaceError
-from mpf_core.experiments.asked import Asked
+from mpf_core.experiments.asked import SETS, Asked
 from mpf_core.experiments.trial import Moment, Outcome, Trial
 from mpf_core.field import MetricPhaseField
 from mpf_core.files import write_atomically
@@ -110,14 +110,16 @@ def states(folder: Path) -> list[State]:
 
 def trials(asked: Asked) -> list[Trial]:
     """The paper's recipe and our presets on the same clouds."""
-    clouds = CLOUDS[:1] if asked.quick else CLOUDS
+    clouds, ours = CLOUDS, ("balanced", "draft")
+    if asked.quick:
+        clouds, ours = CLOUDS[:1], ours[1:]
     made = []
     for name, points in clouds:
-        for preset in ("paper", *([asked.preset] if asked.preset else ("balanced", "draft"))):
+        for preset in ("paper", *((asked.preset,) if asked.preset else ours)):
             own: dict[str, Any] = {"preset": preset, "slices": 0}
             if asked.quick:
-                own |= {"max_iterations": 60, "surface_points": 64, "near_points": 64}
-                own |= {"far_points": 64, "laplacian_points": 64, "width": 32}
+                own |= {"max_iterations": 60, "laplacian_points": 64, "width": 32}
+                own |= dict.fromkeys(SETS, 64)
             elif preset == "paper":  # its size is asked for; ours are what they are
                 own |= asked.size(own)
             label = f"{name}, {preset}"

@@ -18,6 +18,7 @@ from mpf_core.experiments import plots
 from mpf_core.experiments.asked import Asked
 from mpf_core.experiments.build import Floats
 from mpf_core.experiments.shapes import sample, shape
+from mpf_core.experiments.tables import stacked
 from mpf_core.experiments.trial import Row
 from mpf_core.field.artefact import load_field, save_field
 from mpf_core.field.fitted import FittedField, field_of
@@ -32,6 +33,12 @@ from mpf_core.surface.slices import cut
 
 SHAPE, POINTS = "cube-sheet", 10_000
 NAMES = {"r": "r", "theta": "θ", "P": "P", "phi": "φ"}
+CAPTIONS = {
+    "r": "r: how far",
+    "theta": "θ: on which side",
+    "P": "P = tanh(βθ): the side, bounded",
+    "phi": "φ = r·P + θ: both",
+}
 ACROSS = "x"  # a cut at x = 0 meets the cube, |z| < 0.53, and the sheet, z = 0, edge on
 SHEET_AT, CUBE_AT = 0.55, -0.45  # y of the two lines, in the shape's frame
 REACH = 0.7  # half the length of a line
@@ -95,20 +102,22 @@ def _figures(
     slope = np.abs(np.gradient(values["phi"], along))
     return {
         "θ = 0 at z": [round(float(root), 4) for root in roots],
-        f"mean |r − d| × 10³ within {WITHIN}": 1e3 * float(off.mean()),
-        "mean |P| beyond": float(np.abs(values["P"])[~near].mean()),
-        f"median |φ′| within {WITHIN}": float(np.median(slope[near])),
+        f"mean error of r × 10³ within {WITHIN}": 1e3 * float(off.mean()),
+        "mean absolute P beyond": float(np.abs(values["P"])[~near].mean()),
+        f"median slope of φ within {WITHIN}": float(np.median(slope[near])),
     }
 
 
 def _cuts(fitted: FittedField) -> Image.Image:
-    pictures = []
+    pictures, captions = [], []
     at = float(fitted.similarity.to_normalised(np.zeros((1, 3)))[0, 0])
     for name in NAMES:
         evaluate = field_of(fitted.field, name)
         picture, _ = cut(evaluate, fitted.similarity, fitted.box, ACROSS, at, field=name)
         pictures.append(Image.open(io.BytesIO(picture)).convert("RGB"))
-    return side_by_side(pictures, [f"{symbol}" for symbol in NAMES.values()])
+        captions.append(CAPTIONS[name])
+    pairs = (slice(0, 2), slice(2, 4))
+    return stacked([side_by_side(pictures[k], captions[k]) for k in pairs])
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float]:

@@ -135,7 +135,7 @@ def course_sheet(rows: Sequence[Row], directory: Path) -> Image.Image | None:
         label = row["trial"]["label"]
         captions = [f"{label}, {m['iteration']}: {m['chamfer']:.2f}" for m in there]
         bands.append(side_by_side(pictures, captions))
-    return _stacked(bands) if bands else None
+    return stacked(bands) if bands else None
 
 
 def contact_sheet(rows: Sequence[Row], directory: Path, across: int = 4) -> Image.Image | None:
@@ -153,10 +153,11 @@ def contact_sheet(rows: Sequence[Row], directory: Path, across: int = 4) -> Imag
         return None
     rows_of = range(0, len(pictures), across)
     bands = [side_by_side(pictures[k : k + across], captions[k : k + across]) for k in rows_of]
-    return _stacked(bands)
+    return stacked(bands)
 
 
-def _stacked(bands: Sequence[Image.Image]) -> Image.Image:
+def stacked(bands: Sequence[Image.Image]) -> Image.Image:
+    """Pictures below each other on white."""
     width, height = max(b.width for b in bands), sum(b.height for b in bands)
     sheet = Image.new("RGB", (width, height), "white")
     top = 0
