@@ -19,6 +19,7 @@ from mpf_core.experiments.shapes import sample
 from mpf_core.experiments.trial import Row
 from mpf_core.field import FieldJets, Jet, MetricPhaseField, Order
 from mpf_core.field.metric_phase import phase_indicator, sharp_softplus
+from mpf_core.field.precision import products_in
 from mpf_core.fit.initialize import initialize
 from mpf_core.fit.objective import Objective, Stage
 from mpf_core.fit.optimizers import Optimizer
@@ -63,6 +64,7 @@ def measured(directory: Path, asked: Asked, threads: int = 2) -> list[Row]:
     """The rows of the table; nothing is left in `directory`."""
     del directory
     costs, rates = timed(quick=asked.quick, threads=threads)
+    precision = str(products_in(PRESETS["balanced"].fit.precision)).removeprefix("torch.")
     rows: list[Row] = [
         {
             "step": cost.name,
@@ -70,7 +72,8 @@ def measured(directory: Path, asked: Asked, threads: int = 2) -> list[Row]:
             "plain autograd, ms": 1e3 * cost.plain,
             "ratio": cost.plain / cost.seconds,
             "GFLOP": cost.operations / 1e9,
-            "share of float32 rate": cost.operations / cost.seconds / rates["float32"],
+            "our products in": precision,
+            "share of their rate": cost.operations / cost.seconds / rates[precision],
         }
         for cost in costs
     ]
@@ -103,8 +106,10 @@ def timed(*, quick: bool, threads: int) -> tuple[list[Cost], dict[str, float]]:
             field = made(width=options.width, omega=options.omega)
             generator = torch.Generator().manual_seed(0)
             objective = Objective(field, pools, options, generator)
+            precision = products_in(options.precision) if kind == "ours" else torch.float32
+            field.siren.precision = precision
             for name, stage in stages.items():
-                steps[kind, name] = _step(objective, Optimizer(field, options), stage)
+                steps[kind, name] = _step(objective, Optimizer(field, options, precision), stage)
         # Alternating, so that a change of the machine's pace meets all alike. Plain steps have
         # torch's own threads, which is what such code runs with.
         seconds: dict[tuple[str, str], list[float]] = {key: [] for key in steps}

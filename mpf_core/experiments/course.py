@@ -110,12 +110,12 @@ def states(folder: Path) -> list[State]:
 
 def trials(asked: Asked) -> list[Trial]:
     """The paper's recipe and our presets on the same clouds."""
-    clouds, ours = CLOUDS, ("balanced", "draft")
+    presets = ("paper", asked.preset) if asked.preset else ("paper", "balanced", "draft")
     if asked.quick:
-        clouds, ours = CLOUDS[:1], ours[1:]
+        presets = ("paper", "draft")
     made = []
-    for name, points in clouds:
-        for preset in ("paper", *((asked.preset,) if asked.preset else ours)):
+    for name, points in CLOUDS[:1] if asked.quick else CLOUDS:
+        for preset in presets:
             own: dict[str, Any] = {"preset": preset, "slices": 0}
             if asked.quick:
                 own |= {"max_iterations": 60, "laplacian_points": 64, "width": 32}

@@ -51,8 +51,10 @@ def ball() -> tuple[np.ndarray, Trial]:
 @pytest.mark.parametrize("name", baselines.BASELINES)
 def test_each_finds_a_sphere(ball: tuple[np.ndarray, Trial], name: str) -> None:
     found = baselines.BASELINES[name](*ball)
-    limit = 20.0 if name == "alpha shape" else 5.0  # spacing 0.09: alpha shapes bridge and gape
-    assert compare(found.mesh, shape("sphere"), samples=2000).chamfer < limit
+    off = compare(found.mesh, shape("sphere"), samples=2000)
+    assert off.to_reference < 5
+    # The balls through four samples of a sphere are all as large as it: its alpha shape is in rags.
+    assert off.to_mesh < 5 or name == "alpha shape"
     assert found.seconds is not None
     assert found.seconds > 0
     assert found.figures["processor_seconds"] > 0
