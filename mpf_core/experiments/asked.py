@@ -20,8 +20,9 @@ UNBOUND = 7 * 86_400.0  # s: a number of iterations that is asked for is not cut
 class Asked:
     """The flags of one command; None where nothing is asked.
 
-    budget: seconds for each fit; iterations: of each fit; points: in each set of a step; only:
-    text of the labels wanted; meshes, clouds: folders with bodies and scans
+    budget: seconds for each fit; iterations: of each fit; points: in each set of a step;
+    resolution: cells along the longest side; only: text of the labels wanted; meshes, clouds:
+    folders with bodies and scans
     """
 
     quick: bool = False
@@ -30,6 +31,7 @@ class Asked:
     preset: str | None = None
     iterations: int | None = None
     points: int | None = None
+    resolution: int | None = None
     only: str | None = None
     meshes: Path | None = None
     clouds: Path | None = None
@@ -42,6 +44,7 @@ class Asked:
             "--preset": self.preset,
             "--iterations": self.iterations,
             "--points": self.points,
+            "--resolution": self.resolution,
             "--only": self.only,
             "--meshes": self.meshes and "DIR",
             "--clouds": self.clouds and "DIR",
@@ -57,6 +60,8 @@ class Asked:
             made["preset"] = self.preset
         if self.budget is not None:
             made["time_budget"] = self.budget
+        if self.resolution is not None:
+            made["resolution"] = self.resolution
         return made
 
     def size(self, own: dict[str, Any]) -> dict[str, Any]:

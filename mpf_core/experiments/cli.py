@@ -87,6 +87,7 @@ EXPERIMENTS = (
 @click.option("--preset", help="Options to start from, as for mpf reconstruct.")
 @click.option("--iterations", type=click.IntRange(1), help="Of each fit, whatever they take.")
 @click.option("--points", type=click.IntRange(16), help="In each set of points of a step.")
+@click.option("--resolution", type=click.IntRange(16, 2048), help="Cells of each extraction.")
 @click.option("--only", help="Only trials whose label holds this text.")
 @click.option(
     "--meshes",

@@ -113,10 +113,10 @@ def _equals(watched: Sequence[Row]) -> list[str]:
         as_good = next((m["seconds"] for m in known if m["chamfer"] <= ours), None)
         equal = next((m["chamfer"] for m in reversed(known) if m["seconds"] <= seconds), None)
         names = row["trial"]["label"], paper["trial"]["label"]
-        reached = f"{as_good / seconds:.1f} times as long" if as_good else "not reached in its time"
+        reached = f"after {as_good / seconds:.1f} times as long" if as_good else "never"
         told.append(
             f"- {names[0]}: {ours:.2f} after {seconds:.0f} s. {names[1]}: "
-            f"{_text(equal) or 'no surface'} at most so late, and as good after {reached}"
+            f"{_text(equal) or 'no surface'} by then, as good {reached}"
             f" ({known[-1]['chamfer']:.2f} at its end, {known[-1]['seconds']:.0f} s)."
             if known
             else f"- {names[1]} had no surface."

@@ -96,8 +96,8 @@ def test_equal_seconds_and_equal_chamfer(tmp_path: Path) -> None:
     assert "| sheet, paper | 10 | 5 | no surface |" in text
     assert "| sheet, paper | 40 | 20 | 2 | 1 |" in text
     # The fast one has 2 after 10 s; the slow one 4 by then, and 2 after 20 s.
-    assert "sheet, draft: 2.00 after 10 s. sheet, paper: 4 at most so late" in text
-    assert "as good after 2.0 times as long" in text
+    assert "sheet, draft: 2.00 after 10 s. sheet, paper: 4 by then" in text
+    assert "as good after 2.0 times as long (1.00 at its end, 50 s)" in text
     assert tables.course_markdown([{"metrics": {}}]) == ""
 
 

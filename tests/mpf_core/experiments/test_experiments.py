@@ -118,13 +118,15 @@ def test_anyones_files_take_the_place_of_the_shapes(tmp_path: Path) -> None:
 
 
 def test_iterations_and_points_that_are_asked_for() -> None:
-    asked = Asked(iterations=300, points=128)
+    asked = Asked(iterations=300, points=128, resolution=96)
     for one in suite.trials("beta", asked):
-        fit = options_from(dict(one.options)).fit
+        options = options_from(dict(one.options))
+        fit = options.fit
+        assert options.surface.resolution == 96
         assert (fit.max_iterations, fit.learning_rate) == (300, 5e-5)
         assert (fit.surface_points, fit.near_points, fit.far_points) == (128, 128, 128)
         assert fit.laplacian_points == 128
-    assert "--iterations=300 --points=128" in asked.command("beta")
+    assert "--iterations=300 --points=128 --resolution=96" in asked.command("beta")
 
 
 def test_an_ablation_changes_one_thing_at_a_time() -> None:
