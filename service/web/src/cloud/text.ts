@@ -79,7 +79,7 @@ interface Fields {
 /** The words of a row and how they are parted; null if they are not all numbers. */
 function fieldsOf(text: string): Fields | null {
   const styles: [RegExp, number[], boolean][] = text.includes(';')
-    ? [[/[\s;]+/, [59], /\d,\d/.test(text)]]
+    ? [[/[\s;]+/, [59], true]]
     : [[/[\s,]+/, [44], false], [/\s+/, [], true]];
   // “1,5 2,5 3,5” has blanks between numbers with decimal commas, and commas only within words.
   if (/^[+-]?\d+,\d+(\s+[+-]?\d+,\d+)+$/.test(text)) styles.reverse();

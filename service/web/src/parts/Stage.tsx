@@ -38,7 +38,7 @@ export function Stage({ children }: { children?: ComponentChildren }) {
   }, []);
 
   return (
-    <section class="stage" aria-label="View">
+    <section class="stage" aria-label="View" data-meshes={view.meshes.value}>
       <canvas
         ref={canvas}
         tabIndex={0}
