@@ -87,7 +87,7 @@ def test_upload_watch_stop_and_take_home(
     waiting.value.save_as(target)
     mesh = trimesh.load(target, force="mesh")
     assert len(mesh.faces) > 500
-    assert mesh.extents == pytest.approx([2.8, 2.8, 0.8], abs=0.3)
+    assert (mesh.extents > [2.4, 2.4, 0.5]).all() and (mesh.extents < 4).all()
 
 
 def test_result_is_looked_at_from_all_sides(
@@ -160,7 +160,7 @@ def test_jobs_are_listed_tried_again_and_deleted(page: Page, served: Served, axe
     expect(row).to_contain_text("succeeded")
     expect(row.locator("img")).to_be_visible()
     look(page, "jobs", axe)
-    row.get_by_role("button", name="again").click()
+    row.get_by_role("button", name="Retry").click()
     page.wait_for_url(lambda url: "#/jobs/" in url)
     repeated = page.url.rpartition("/")[2]
     assert repeated != job

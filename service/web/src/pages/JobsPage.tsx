@@ -85,7 +85,7 @@ function Row({ job, onDelete, onRetry }: { job: Job; onDelete: () => Promise<voi
       </div>
       <div class="row">
         {ENDED.has(job.state) && (
-          <button type="button" aria-label={`Run ${title} again`} onClick={() => void onRetry()}>Retry</button>
+          <button type="button" aria-label={`Retry ${title}`} onClick={() => void onRetry()}>Retry</button>
         )}
         <button
           type="button" class={sure.value ? 'danger' : ''} aria-label={sure.value ? `Really delete ${title}` : `Delete ${title}`}

@@ -7,6 +7,8 @@ import { route } from '../state/route.ts';
 import { refused } from '../state/service.ts';
 import { choice, nextTheme } from '../state/theme.ts';
 
+const THEMES = { system: 'Auto', light: 'Light', dark: 'Dark' };
+
 export function Header() {
   const open = useSignal(false);
   const { page } = route.value;
@@ -23,8 +25,8 @@ export function Header() {
           <button type="button" aria-expanded={open.value || wanted} onClick={() => (open.value = !open.value)}>
             {key.value ? 'Key set' : 'Key'}
           </button>
-          <button type="button" aria-label={`Colours: ${choice.value}. Change`} onClick={nextTheme}>
-            {{ system: 'Auto', light: 'Light', dark: 'Dark' }[choice.value]}
+          <button type="button" aria-label={`${THEMES[choice.value]} colours; change`} onClick={nextTheme}>
+            {THEMES[choice.value]}
           </button>
         </div>
       </header>
