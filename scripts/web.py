@@ -77,6 +77,7 @@ class Client:
         if self.is_current():
             return
         sys.stderr.write("web: building the browser client\n")
+        digest = self.digest()  # of what is read now, should somebody write meanwhile
         self.prepare()
         self._node("node_modules/vite/bin/vite.js", "build", "--logLevel", "warn")
         for path in sorted(self.static.rglob("*")):
@@ -84,7 +85,7 @@ class Client:
                 packed = gzip.compress(path.read_bytes(), compresslevel=9, mtime=0)
                 path.with_name(path.name + ".gz").write_bytes(packed)
         (self.static / LICENCES).write_text(self._licences(), encoding="utf-8")
-        self.stamp.write_text(self.digest() + "\n")
+        self.stamp.write_text(digest + "\n")
 
     def check(self) -> None:
         """Compile for types alone; raises subprocess.CalledProcessError."""

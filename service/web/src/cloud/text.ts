@@ -64,10 +64,17 @@ function readHead(bytes: Uint8Array): Head {
     if (fields && fields.words.length === 1 && /^\d+$/.test(text) && declared === null) {
       declared = Number(text);
     } else if (/[a-z]/i.test(text)) header = comment ? text.replace(/^(#|\/\/|%|!)+/, '') : text;
-    else if (text && !comment) throw new Unreadable(`“${text.slice(0, 40)}” is no row of numbers.`);
+    else if (text && !comment) throw new Unreadable(strange(text));
     at = end + 1;
   }
   throw new Unreadable('There are no rows of numbers in this file.');
+}
+
+function strange(line: string): string {
+  const printable = !/[\u0000-\u0008\u000e-\u001f\ufffd]/.test(line);
+  return printable
+    ? `“${line.slice(0, 40)}” is no row of numbers.`
+    : 'This is neither PLY nor text with rows of numbers.';
 }
 
 interface Fields {

@@ -55,7 +55,7 @@ export function JobsPage() {
       <ul class="jobs">
         {jobs.value?.map((job) => (
           <Row
-            key={job.id} job={job}
+            key={job.id} job={job} pictured={picturedBy(job, jobs.value ?? [])}
             onDelete={() => act(() => remove(job.id))}
             onRetry={() => act(async () => go(`#/jobs/${(await retry(job.id)).id}`))}
           />
@@ -66,12 +66,20 @@ export function JobsPage() {
   );
 }
 
-function Row({ job, onDelete, onRetry }: { job: Job; onDelete: () => Promise<void>; onRetry: () => Promise<void> }) {
+interface RowProps {
+  job: Job;
+  /** Whose slices are its thumbnail. */
+  pictured: Job;
+  onDelete: () => Promise<void>;
+  onRetry: () => Promise<void>;
+}
+
+function Row({ job, pictured, onDelete, onRetry }: RowProps) {
   const sure = useSignal(false);
   const title = titleOf(job);
   return (
     <li>
-      <Thumbnail job={job} />
+      <Thumbnail job={pictured} />
       <div class="about">
         <a href={`#/jobs/${job.id}`}>{title}</a> <span class={`state ${job.state}`}>{job.state}</span>
         <p>
@@ -102,6 +110,13 @@ function Row({ job, onDelete, onRetry }: { job: Job; onDelete: () => Promise<voi
 function titleOf(job: Job): string {
   if (job.label) return job.label.replace(/ for [0-9a-f]{32}$/, '');
   return job.kind === 'extraction' ? 'Surface again' : (job.input?.name ?? job.id);
+}
+
+/** The job itself, or the one it came from where it has drawn nothing. */
+function picturedBy(job: Job, jobs: Job[]): Job {
+  const drawn = Object.keys(job.artifacts).some((name) => name.startsWith('slices/'));
+  const parent = jobs.find(({ id }) => id === job.parent);
+  return drawn || !parent ? job : picturedBy(parent, jobs);
 }
 
 /** The middle slice across y: in it a shape is best told. */

@@ -43,7 +43,7 @@ function KeyForm({ close, wanted }: { close: () => void; wanted: boolean }) {
     close();
   };
   return (
-    <form class="key" onSubmit={submit}>
+    <form class="key" aria-label="API key" onSubmit={submit}>
       <p>
         {wanted
           ? `This service asks for an API key${key.value ? ', and the one given is not valid' : ''}.`
@@ -51,7 +51,7 @@ function KeyForm({ close, wanted }: { close: () => void; wanted: boolean }) {
         Its operator makes one with <code>mpf keys create NAME</code>.
       </p>
       <label>
-        API key <input name="key" type="password" autocomplete="off" spellcheck={false} defaultValue={key.value} />
+        Key <input name="key" type="password" autocomplete="off" spellcheck={false} defaultValue={key.value} />
       </label>
       <label class="check">
         <input name="remember" type="checkbox" defaultChecked={remembered.value} /> Keep it on this device, not only in this tab

@@ -44,7 +44,7 @@ export function LayerChoice() {
       ))}
       <label class="check">
         <input
-          type="checkbox" checked={view.paint.value !== null} disabled={!points || !view.surface.value || busy.value}
+          type="checkbox" checked={view.paint.value !== null || busy.value} disabled={!points || !view.surface.value || busy.value}
           onChange={(event) => void color(event.currentTarget.checked)}
         />{' '}
         {busy.value ? 'Measuring …' : 'Distance to the input'}
