@@ -17,7 +17,7 @@ from tests.browser.conftest import watched
 from tests.browser.looking import drawn, look, pixels
 from tests.browser.served import Served, torus
 from tests.browser.test_whole_way import ENDLESS, begin, choose_cloud, fill_in, stage
-from tests.services import PATIENCE, tell, wait_for
+from tests.services import PATIENCE, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -179,30 +179,3 @@ def test_everything_can_be_done_by_keyboard(page: Page, served: Served, finished
         "Surface for viewers", "Take the surface again", "Make a link", "Arrow keys",
     ):  # fmt: skip
         assert name in told, f"{name} is not reached by Tab: {told}"
-
-
-def test_three_million_points_do_not_freeze_the_page(page: Page, served: Served) -> None:
-    import numpy as np
-
-    points = np.random.default_rng(0).normal(size=(3_000_000, 3)).astype("<f4")
-    header = (
-        b"ply\nformat binary_little_endian 1.0\nelement vertex 3000000\n"
-        b"property float x\nproperty float y\nproperty float z\nend_header\n"
-    )
-    path = served.folder / "large.ply"
-    path.write_bytes(header + points.tobytes())
-    page.goto(served.url)
-    # The longest time in which the page could not have answered anybody.
-    page.evaluate(
-        "() => { window.worst = 0; let last = performance.now(); setInterval(() => {"
-        " const now = performance.now(); window.worst = Math.max(window.worst, now - last);"
-        " last = now; }, 20); }"
-    )
-    page.set_input_files("input[type=file]", path)
-    facts = page.get_by_label("The cloud")
-    expect(facts).to_contain_text("3,000,000", timeout=60_000 * PATIENCE)
-    expect(facts).to_contain_text("500,000 of 3,000,000 points are drawn")
-    expect(page.locator("canvas[data-shows*='500,000 points']")).to_be_visible()
-    worst = page.evaluate("() => window.worst")
-    tell(f"longest pause of the page: {worst:.0f} ms")
-    assert worst < 1000 * PATIENCE

@@ -106,9 +106,7 @@ def test_result_is_looked_at_from_all_sides(
     page.get_by_label("Distance to the input").uncheck()
     changed(canvas, pixels(canvas), lambda: page.get_by_label("Clip the view here").check())
     changed(canvas, pixels(canvas), lambda: page.get_by_label("Show the field here").check())
-    expect(page.locator("img.slice")).to_have_attribute(
-        "alt", "phi on the plane y = 0", timeout=20_000
-    )
+    expect(page.locator("img.slice")).to_have_attribute("alt", re.compile("^phi on the plane y"))
     before = pixels(canvas)
     changed(canvas, before, lambda: page.get_by_label("Position").press("ArrowRight"))
     look(page, "slice", axe)

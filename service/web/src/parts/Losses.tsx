@@ -49,12 +49,12 @@ export function Losses({ points }: { points: Point[] }) {
         ))}
         <text x={WIDTH - RIGHT} y={HEIGHT - 4} text-anchor="end">iteration {last}</text>
         {lines.map(({ name, at }, k) => (
-          <path key={name} class={`term term-${k % 9}`} d={at.map(([i, v], n) => `${n ? 'L' : 'M'}${x(i).toFixed(1)} ${y(v).toFixed(1)}`).join('')} />
+          <path key={name} class={`term term-${k % 10}`} d={at.map(([i, v], n) => `${n ? 'L' : 'M'}${x(i).toFixed(1)} ${y(v).toFixed(1)}`).join('')} />
         ))}
       </svg>
       <ul>
         {lines.map(({ name }, k) => (
-          <li key={name}><i class={`swatch term-${k % 9}`} aria-hidden="true" />{NAMES[name] ?? name}</li>
+          <li key={name}><i class={`swatch term-${k % 10}`} aria-hidden="true" />{NAMES[name] ?? name}</li>
         ))}
       </ul>
     </figure>

@@ -14,6 +14,8 @@ const STAGES: Record<string, string> = {
   fit: 'Fitting the field', extract: 'Taking the surface from the field', slices: 'Drawing slices',
   report: 'Measuring the surface', done: 'Writing the result',
 };
+/** When there is no fit left to stop. */
+const AFTER_FIT = new Set(['extract', 'report', 'done']);
 const LINKS: Record<Link, string> = {
   connecting: 'Connecting …', live: '', polling: 'Following by polls: events do not come through here.',
   lost: 'The service does not answer; trying again. The job goes on without this page.', done: '',
@@ -31,7 +33,7 @@ export function Running({ follower, job }: { follower: Follower; job: Job }) {
     }
   };
   const link = LINKS[follower.link.value];
-  const fits = job.kind === 'fit' && job.state === 'running';
+  const fits = job.kind === 'fit' && job.state === 'running' && !AFTER_FIT.has(job.progress?.stage ?? '');
   return (
     <section class="running" aria-label="Progress">
       {job.state === 'queued' ? <Waiting job={job} /> : <Stage job={job} />}
