@@ -87,7 +87,14 @@ def test_upload_watch_stop_and_take_home(
     waiting.value.save_as(target)
     mesh = trimesh.load(target, force="mesh")
     assert len(mesh.faces) > 500
+    assert len(mesh.vertices) > 250
     assert (mesh.extents > [2.4, 2.4, 0.5]).all() and (mesh.extents < 4).all()
+
+    # From now on the service knows how fast it fits, and the page tells.
+    assert served.client.get("/capabilities").json()["rate"]["points_per_second"] > 0
+    page.goto(served.url)
+    choose_cloud(page, torus())
+    expect(page.locator(".presets")).to_contain_text("at this server’s speed")
 
 
 def test_result_is_looked_at_from_all_sides(
