@@ -132,7 +132,8 @@ def input_file(job_id: JobId, request: Request, caller: CallerDep, state: StateD
         return Response(status_code=304, headers=headers)
     # Never inline: a browser must not make a page of what somebody has uploaded.
     headers["X-Content-Type-Options"] = "nosniff"
-    return Ply(path, headers=headers, filename=f"{job_id[:8]}-input{path.suffix}")
+    name = f"{job_id[:8]}-input{path.suffix}"
+    return Ply(path, headers=headers, filename=name, media_type="application/octet-stream")
 
 
 @router.get("/jobs/{job_id}/mesh.glb", response_class=Glb, responses=_PROBLEMS)
