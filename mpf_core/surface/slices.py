@@ -143,7 +143,8 @@ def cut(
     corners = similarity.to_input(points[[0, -1], [0, -1]])
     # Fields but P are lengths; the frame's scale turns them into the input's units.
     length = 1.0 if field == "P" else 1.0 / similarity.scale
-    extent: Extent = tuple(float(v) for v in (*corners[:, right], *corners[:, up]))  # type: ignore[assignment]
+    (left, end), (bottom, top) = corners[:, right].tolist(), corners[:, up].tolist()
+    extent = (left, end, bottom, top)
     picture = slice_image(
         values * length,
         extent,
