@@ -19,7 +19,7 @@ from service.jobs.queue import JobQueue
 from service.jobs.store import JobStore
 from service.operations.health import Health
 from service.operations.metrics import Metrics
-from service.operations.store import WorkerRegister
+from service.operations.store import FitRate, WorkerRegister
 from service.settings import Settings
 from service.uploads.intake import Intake
 from service.uploads.receive import Receiver
@@ -48,6 +48,7 @@ class State:
     keys: KeyStore
     shares: ShareStore
     rates: RateLimit
+    rate: FitRate
 
 
 def build_state(settings: Settings) -> State:
@@ -76,6 +77,7 @@ def build_state(settings: Settings) -> State:
         keys=KeyStore(redis),
         shares=ShareStore(redis),
         rates=RateLimit(redis, settings.requests_per_minute, settings.requests_burst),
+        rate=FitRate(redis),
     )
 
 

@@ -30,6 +30,7 @@ from service.jobs.model import EXTRACTION, FIT, RESULTS, Artifact, Job
 from service.jobs.queue import JobQueue, attempt_of
 from service.jobs.store import JobStore
 from service.logs import about
+from service.operations.store import FitRate
 from service.problems import Problem, problem_from
 from service.settings import Settings
 from worker.memory import is_out_of_memory
@@ -112,6 +113,7 @@ class Attempt:
         self._queue = JobQueue(redis, job_seconds=settings.job_seconds)
         self._artifacts = ArtifactStore(settings.data_dir)
         self._reporter = Reporter(self._store, lease, settings)
+        self._rate = FitRate(redis)
 
     def run(self) -> None:
         """From `queued` to wherever it ends."""
@@ -154,7 +156,17 @@ class Attempt:
             checkpoint=self._artifacts.checkpoint(job.id, self._lease.attempt, inherit=inherit),
         )
         RUNNERS[job.kind](run)
+        self._note_rate()
         return self._artifacts.publish(job.id, self._lease.attempt)
+
+    def _note_rate(self) -> None:
+        """For those who ask what the next fit will take."""
+        rate = self._reporter.points_per_second()
+        if rate is not None:
+            try:
+                self._rate.note(rate)
+            except UNREACHABLE as error:
+                log.warning("job %s: its rate is not noted: %s", self._lease.job_id, error)
 
     def _failed(self, problem: Mapping[str, Any]) -> Callable[[], Changed]:
         log.info("job %s: attempt %s fails: %s", *self._name(), problem.get("code"))

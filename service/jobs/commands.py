@@ -7,6 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 from redis import Redis
@@ -102,6 +103,14 @@ class JobCommands:
         if name not in job.artifacts:
             raise Problem("artifact.not_found", f"job {job_id} has no {name}")
         return job
+
+    def input_of(self, caller: Caller, job_id: str) -> tuple[Job, Path]:
+        """The job and the file that it works on; raises Problem if it is gone."""
+        job = self.get(caller, job_id)
+        try:
+            return job, self._artifacts.input(job.id)
+        except FileNotFoundError as error:
+            raise Problem("artifact.not_found", f"job {job_id} has lost its input") from error
 
     def preview_of(self, caller: Caller, job_id: str) -> bytes:
         """The latest mesh of the unfinished fit; raises Problem if there is none."""
