@@ -32,6 +32,23 @@ class Settings(BaseSettings):
         description="Folder of the artefact store (and of the embedded Valkey).",
     )
 
+    store_url: str | None = Field(
+        default=None,
+        description="Inputs and results in an object store: s3://bucket/prefix, gs://, az://; "
+        "then data_dir holds only what passes through this machine.",
+    )
+    store_link_seconds: float = Field(
+        default=900.0,
+        ge=0,
+        le=7 * 86_400,
+        description="For which a link to a file in the object store is good, s; 0: the API passes "
+        "all files on itself.",
+    )
+    store_link_endpoint: str = Field(
+        default="",
+        description="The object store's address as callers reach it, if it is another than ours.",
+    )
+
     # What is accepted
     upload_bytes: int = Field(default=1024 * MEBIBYTE, ge=1, description="Largest input, bytes.")
     max_points: int = Field(default=10_000_000, ge=51, description="Most points in an input.")

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from redis.exceptions import RedisError
 
-from service.artifacts.store import ArtifactStore
+from service.artifacts.opened import artifacts_of
 from service.connection import connect
 from service.events.store import EventStore
 from service.jobs.queue import JobQueue
@@ -65,7 +65,7 @@ class Housekeeping:
         register = WorkerRegister(redis)
         queue = JobQueue(redis, job_seconds=settings.job_seconds)
         store = JobStore(redis, retention_seconds=settings.retention_seconds)
-        artifacts = ArtifactStore(settings.data_dir)
+        artifacts = artifacts_of(settings)
         reaper = Reaper(store, queue, artifacts, settings)
         retention = Retention(store, artifacts, settings)
         deliverer = Deliverer(WebhookStore(redis), store, EventStore(redis), settings)

@@ -10,7 +10,7 @@ import logging
 import time
 from collections.abc import Callable
 
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts
 from service.jobs.lease import Refused
 from service.jobs.model import Job, JobState
 from service.jobs.queue import JobQueue, entry_id
@@ -56,7 +56,7 @@ class Reaper:
         self,
         store: JobStore,
         queue: JobQueue,
-        artifacts: ArtifactStore,
+        artifacts: Artifacts,
         settings: Settings,
         clock: Clock = time.monotonic,
     ):

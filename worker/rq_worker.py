@@ -19,7 +19,7 @@ from rq import Queue, Worker
 from rq.job import Job as Entry
 from rq.serializers import JSONSerializer
 
-from service.artifacts.store import ArtifactStore
+from service.artifacts.opened import artifacts_of
 from service.connection import connect
 from service.jobs.lease import Lease
 from service.jobs.queue import QUEUE_NAME, JobQueue, attempt_of
@@ -58,7 +58,7 @@ class MpfWorker(Worker):
         own = connect(settings)
         self.store = JobStore(own, retention_seconds=settings.retention_seconds)
         self.queue = JobQueue(own, job_seconds=settings.job_seconds)
-        self.artifacts = ArtifactStore(settings.data_dir)
+        self.artifacts = artifacts_of(settings)
         self.parking = Parking(self.store, self.queue, settings.running_per_owner)
         self._process: subprocess.Popen[bytes] | None = None
         self.left_on_request = False

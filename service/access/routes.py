@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.caller import Caller
 from service.access.dependency import CallerDep
-from service.artifacts.routes import file_response, preview_response
+from service.artifacts.routes import ELSEWHERE, file_response, preview_response
 from service.jobs.model import Job
 from service.jobs.routes import JobId
 from service.jobs.schemas import JobOut, job_out
@@ -102,7 +102,8 @@ def shared_job(token: Token, state: StateDep) -> JobOut:
         "job.expired",
         "request.invalid",
         "request.range",
-    ),
+    )
+    | ELSEWHERE,
 )
 def shared_file(token: Token, name: str, request: Request, state: StateDep) -> Response:
     """A file of the job that was shared."""

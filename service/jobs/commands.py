@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
@@ -14,7 +15,7 @@ from redis import Redis
 from mpf_core.extraction_options import extraction_from, extraction_to_mapping
 from mpf_core.options import options_from, options_to_mapping
 from service.access.caller import Caller
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts, StoreUnavailable
 from service.jobs.index_store import Place
 from service.jobs.lease import Refused
 from service.jobs.model import EXTRACTION, Job, JobState, new_job_id
@@ -55,7 +56,7 @@ class JobCommands:
         redis: Redis,
         store: JobStore,
         queue: JobQueue,
-        artifacts: ArtifactStore,
+        artifacts: Artifacts,
         settings: Settings,
     ):
         self._redis = redis
@@ -108,7 +109,7 @@ class JobCommands:
         job = self.get(caller, job_id)
         try:
             if job.shown is not None:
-                return self._artifacts.preview(job.id, job.shown.attempt).read_bytes()
+                return self._artifacts.read_preview(job.id, job.shown.attempt)
         except FileNotFoundError:
             pass  # the attempt has ended since
         if job.ended:
@@ -133,7 +134,8 @@ class JobCommands:
         else:
             if changed.state is JobState.CANCELLED:
                 self._queue.withdraw(job_id, changed.attempt)
-                self._artifacts.forget_checkpoints(job_id)
+                with suppress(StoreUnavailable):  # they go with the job
+                    self._artifacts.forget_checkpoints(job_id)
         return self.get(caller, job_id)
 
     def delete(self, caller: Caller, job_id: str) -> None:
@@ -143,7 +145,8 @@ class JobCommands:
             raise not_found(job_id)
         self._store.remove(job)
         self._queue.withdraw(job.id, job.attempt)
-        self._artifacts.remove(job.id)
+        with suppress(StoreUnavailable):  # files without a record are removed later, by age
+            self._artifacts.remove(job.id)
 
     def retry(
         self,
@@ -209,7 +212,8 @@ class JobCommands:
             created(replies[0])
         except Refused as refusal:
             self._queue.withdraw(job.id, job.attempt)
-            self._artifacts.remove(job.id)
+            with suppress(StoreUnavailable):
+                self._artifacts.remove(job.id)
             return self._refused(job, refusal)
         # Not on other errors: Redis may have taken the job before the answer was lost. Files
         # without a record are removed later, by age.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts
 from service.jobs.model import Job, JobState
 from service.jobs.store import JobStore
 from service.operations.store import WorkerRegister
@@ -15,7 +15,7 @@ MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 class Metrics:
     """Text in Prometheus' exposition format."""
 
-    def __init__(self, store: JobStore, workers: WorkerRegister, artifacts: ArtifactStore):
+    def __init__(self, store: JobStore, workers: WorkerRegister, artifacts: Artifacts):
         self._store = store
         self._workers = workers
         self._artifacts = artifacts

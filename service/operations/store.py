@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from redis import Redis
 
 ALIVE_SECONDS = 15.0
@@ -32,3 +34,17 @@ class WorkerRegister:
     def _now(self) -> float:
         seconds, microseconds = self._redis.time()
         return float(seconds) + float(microseconds) / 1e6
+
+
+class Turns:
+    """Work that only one of all processes does, now and then."""
+
+    def __init__(self, redis: Redis):
+        self._redis = redis
+
+    def take(self, name: str, seconds: float) -> bool:
+        """Whether it is our turn; then nobody else's for `seconds` (0: it always is)."""
+        if seconds <= 0:
+            return True
+        taken: Any = self._redis.set(f"mpf:turn:{name}", "", nx=True, px=int(seconds * 1000))
+        return bool(taken)
