@@ -18,6 +18,7 @@ from service.jobs.commands import JobCommands
 from service.jobs.polls import Polls
 from service.jobs.queue import JobQueue
 from service.jobs.store import JobStore
+from service.operations.estimates import Estimates
 from service.operations.health import Health
 from service.operations.metrics import Metrics
 from service.operations.store import WorkerRegister
@@ -45,6 +46,7 @@ class State:
     receiver: Receiver
     resumable: Resumable
     intake: Intake
+    estimates: Estimates
     health: Health
     metrics: Metrics
     keys: KeyStore
@@ -73,6 +75,7 @@ def build_state(settings: Settings) -> State:
         receiver=Receiver(artifacts, settings),
         resumable=resumable,
         intake=Intake(commands, artifacts, resumable, settings),
+        estimates=Estimates(store, WorkerRegister(redis)),
         health=Health(redis, artifacts),
         metrics=Metrics(store, WorkerRegister(redis), artifacts),
         keys=KeyStore(redis),

@@ -17,6 +17,7 @@ from service.operations.retention import Retention
 from service.operations.store import WorkerRegister
 from service.settings import Settings
 from service.webhooks.store import WebhookStore
+from worker.pace import Pace
 from worker.reaper import Reaper
 from worker.webhooks import Deliverer
 
@@ -60,7 +61,7 @@ class Loop:
 class Housekeeping:
     """Runs while the worker lives."""
 
-    def __init__(self, name: str, settings: Settings):
+    def __init__(self, name: str, pace: Pace, settings: Settings):
         redis = connect(settings)
         register = WorkerRegister(redis)
         queue = JobQueue(redis, job_seconds=settings.job_seconds)
@@ -70,7 +71,7 @@ class Housekeeping:
         retention = Retention(store, artifacts, settings)
         deliverer = Deliverer(WebhookStore(redis), store, EventStore(redis), settings)
         self._loops = [
-            Loop("register", ROUND_SECONDS, lambda: register.sign(name)),
+            Loop("register", ROUND_SECONDS, lambda: register.sign(name, pace.entry())),
             Loop("reaper", ROUND_SECONDS, reaper.look),
             Loop("retention", settings.retention_round_seconds, retention.round),
             Loop("webhooks", WEBHOOK_ROUND_SECONDS, deliverer.round),

@@ -94,7 +94,7 @@ class Reaper:
                 self._store.reap_failed(job, crashed_problem(job.attempt))
             else:
                 changed = self._store.reap(job)
-                self._queue.enqueue(job.id, changed.attempt)
+                self._queue.enqueue(job, changed.attempt)
             self._artifacts.discard_work(job.id, job.attempt)
             forget_if_ended(job.id, self._store, self._artifacts)
         except Refused as refusal:
@@ -111,5 +111,5 @@ class Reaper:
             lost.add(job_id)
             if self._queued.unchanged_for(job_id, job.attempt) > LOST_ENTRY_SECONDS:
                 log.warning("job %s: its queue entry is lost; enqueued again", job_id)
-                self._queue.enqueue(job_id, job.attempt)
+                self._queue.enqueue(job, job.attempt)
         self._queued.forget_all_but(lost)

@@ -45,7 +45,7 @@ def settle(
             forget_if_ended(job.id, store, artifacts)
         elif job is not None and job.state is JobState.QUEUED and code == -signal.SIGTERM:
             # It was told to leave before it had started.
-            queue.enqueue(job.id, job.attempt)
+            queue.enqueue(job, job.attempt)
     except Refused as refusal:
         log.info("job %s: settled elsewhere (%s)", lease.job_id, refusal)
     except RedisError as error:
@@ -72,7 +72,7 @@ def _end_of(
         store.fail(lease, crashed_problem(job.attempt))
     else:
         changed = store.hand_back(lease)
-        queue.enqueue(job.id, changed.attempt)
+        queue.enqueue(job, changed.attempt)
 
 
 def out_of_memory_killed(events: Path = Path("/sys/fs/cgroup/memory.events")) -> bool:

@@ -148,7 +148,7 @@ class Attempt:
         except JobTimeoutException:
             return self._failed(time_limit_problem(self._settings))
         except StoreUnavailable as error:
-            return self._without_store(job, error)
+            return self._without_store(error)
         except Exception as error:
             return self._failed(self._unexpected(error))
         return lambda: self._store.succeed(self._lease, files)
@@ -185,10 +185,10 @@ class Attempt:
                 log.warning("job %s: attempt %s waits: %s", *self._name(), error)
                 time.sleep(STORE_PAUSE_SECONDS)
 
-    def _without_store(self, job: Job, error: StoreUnavailable) -> Callable[[], Changed]:
+    def _without_store(self, error: StoreUnavailable) -> Callable[[], Changed]:
         """Another worker may reach the store; the last attempt ends."""
         log.warning("job %s: attempt %s gives up: %s", *self._name(), error)
-        if job.attempt < self._settings.max_attempts:
+        if self._lease.attempt < self._settings.max_attempts:
             return self._handed_back
         problem = Problem("service.unavailable", "the artefact store does not answer")
         return self._failed(problem.as_dict())
@@ -213,7 +213,9 @@ class Attempt:
 
     def _handed_back(self) -> Changed:
         changed = self._store.hand_back(self._lease)
-        self._queue.enqueue(self._lease.job_id, changed.attempt)
+        job = self._store.get(self._lease.job_id)
+        if job is not None:
+            self._queue.enqueue(job, changed.attempt)
         return changed
 
     def _finish(self, write: Callable[[], Changed]) -> None:

@@ -88,7 +88,7 @@ def unshare(job_id: JobId, share_id: str, caller: CallerDep, state: StateDep) ->
 )
 def shared_job(token: Token, state: StateDep) -> JobOut:
     """The job that was shared."""
-    return job_out(_shared(state, token), None)
+    return job_out(_shared(state, token))
 
 
 @router.get(

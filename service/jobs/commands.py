@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
 
@@ -19,7 +19,7 @@ from service.artifacts.base import Artifacts, StoreUnavailable
 from service.jobs.index_store import Place
 from service.jobs.lease import Refused
 from service.jobs.model import EXTRACTION, Job, JobState, new_job_id
-from service.jobs.queue import JobQueue
+from service.jobs.queue import JobQueue, queue_for
 from service.jobs.store import Creation, JobStore, created
 from service.problems import Problem
 from service.settings import Settings
@@ -72,8 +72,8 @@ class JobCommands:
         return visible(self._store.get(job_id), caller, job_id)
 
     def position(self, job: Job) -> int | None:
-        """Jobs before this one in the queue."""
-        return self._store.position(job.id) if job.state is JobState.QUEUED else None
+        """Jobs before this one in its queue."""
+        return self._store.position(job) if job.state is JobState.QUEUED else None
 
     def page(self, caller: Caller, wanted: Filter, after: Place | None, size: int) -> Page:
         """The caller's jobs behind `after`, newest first."""
@@ -200,6 +200,8 @@ class JobCommands:
         The input must be in the store. Answers the job that was accepted before if this very
         request was.
         """
+        queue = queue_for(job.kind, job.options, job.input, self._settings)
+        job = replace(job, queue=queue)
         creation = Creation(
             self._settings.queue_length, self._settings.jobs_per_owner, idempotency_key, digest
         )
@@ -207,7 +209,7 @@ class JobCommands:
             with self._redis.pipeline(transaction=True) as pipeline:
                 pipeline.multi()
                 self._store.create(job, creation, pipeline)
-                self._queue.enqueue(job.id, job.attempt, pipeline)
+                self._queue.enqueue(job, job.attempt, pipeline)
                 replies = pipeline.execute()
             created(replies[0])
         except Refused as refusal:
