@@ -64,7 +64,7 @@ class JobQueue:
     def __init__(self, redis: Redis, *, job_seconds: float):
         self._redis = redis
         self._job_seconds = job_seconds
-        self._queues = {
+        self._queues: dict[str, Queue] = {
             name: Queue(rq_name(name), connection=redis, serializer=JSONSerializer)
             for name in QUEUES
         }
