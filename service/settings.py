@@ -170,6 +170,12 @@ class Settings(BaseSettings):
         default=600.0, ge=0, description="How long a job process waits for Redis to come back, s."
     )
 
+    pulse_file: Path | None = Field(
+        default=None,
+        description="A file that a worker touches every few seconds while it lives, for health "
+        "checks; whether Redis answers makes no difference.",
+    )
+
     # Webhooks
     webhook_networks: tuple[str, ...] = Field(
         default=(), description="Networks with private addresses that may get webhooks, as CIDR."

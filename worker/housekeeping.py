@@ -58,6 +58,12 @@ class Loop:
                 return
 
 
+def pulse(settings: Settings) -> None:
+    """Show whoever looks at this machine only that the worker lives."""
+    if settings.pulse_file is not None:
+        settings.pulse_file.touch()
+
+
 class Housekeeping:
     """Runs while the worker lives."""
 
@@ -71,6 +77,7 @@ class Housekeeping:
         retention = Retention(store, artifacts, settings)
         deliverer = Deliverer(WebhookStore(redis), store, EventStore(redis), settings)
         self._loops = [
+            Loop("pulse", ROUND_SECONDS, lambda: pulse(settings)),
             Loop("register", ROUND_SECONDS, lambda: register.sign(name, pace.entry())),
             Loop("reaper", ROUND_SECONDS, reaper.look),
             Loop("retention", settings.retention_round_seconds, retention.round),

@@ -81,7 +81,7 @@ class Estimates:
             if not self.stale():
                 return
             workers = self._register.entries()
-            waiting = {queue: self._store.waiting(queue) for queue in QUEUES}
+            waiting: dict[str, int] = {queue: self._store.waiting(queue) for queue in QUEUES}
             seen = Outlook(workers, waiting, {})
             left: dict[str, list[float]] = {}
             for job in self._store.running():
