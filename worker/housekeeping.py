@@ -14,7 +14,7 @@ from service.events.store import EventStore
 from service.jobs.queue import JobQueue
 from service.jobs.store import JobStore
 from service.operations.retention import Retention
-from service.operations.store import WorkerRegister
+from service.operations.store import Turns, WorkerRegister
 from service.settings import Settings
 from service.webhooks.store import WebhookStore
 from worker.pace import Pace
@@ -73,7 +73,7 @@ class Housekeeping:
         queue = JobQueue(redis, job_seconds=settings.job_seconds)
         store = JobStore(redis, retention_seconds=settings.retention_seconds)
         artifacts = artifacts_of(settings)
-        reaper = Reaper(store, queue, artifacts, settings)
+        reaper = Reaper(store, queue, artifacts, settings, register, Turns(redis))
         retention = Retention(store, artifacts, settings)
         deliverer = Deliverer(WebhookStore(redis), store, EventStore(redis), settings)
         self._loops = [

@@ -15,6 +15,7 @@ from service.jobs.lease import Refused
 from service.jobs.model import Job, JobState
 from service.jobs.queue import JobQueue, entry_id
 from service.jobs.store import JobStore
+from service.operations.store import Turns, WorkerRegister
 from service.settings import Settings
 from worker.parking import Parking
 from worker.settle import cancelled_problem, crashed_problem, forget_if_ended
@@ -25,6 +26,12 @@ Clock = Callable[[], float]
 
 # A queued job without an entry for this long was lost between the two.
 LOST_ENTRY_SECONDS = 10.0
+
+
+# Each look reads all that waits and runs. A few workers may all do so, the sooner a lost one is
+# found; of many only one does, and another one after this time should that be the one that is lost.
+FEW_WORKERS = 8
+REAPER_SECONDS = 10.0
 
 
 class Watch:
@@ -58,8 +65,12 @@ class Reaper:
         queue: JobQueue,
         artifacts: Artifacts,
         settings: Settings,
+        register: WorkerRegister,
+        turns: Turns,
         clock: Clock = time.monotonic,
     ):
+        self._register = register
+        self._turns = turns
         self._store = store
         self._queue = queue
         self._artifacts = artifacts
@@ -69,7 +80,10 @@ class Reaper:
         self._queued = Watch(clock)
 
     def look(self) -> None:
-        """Requeue what has lost its worker or its entry."""
+        """Requeue what has lost its worker or its entry, unless another worker sees to that."""
+        many = self._register.alive() > FEW_WORKERS
+        if many and not self._turns.hold("reaper", REAPER_SECONDS):
+            return
         self._look_at_running()
         self._parking.let_out()
         self._look_at_queued()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import secrets
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -70,11 +71,26 @@ class WorkerRegister:
         return float(seconds) + float(microseconds) / 1e6
 
 
+# KEYS[1] who; ARGV: name, ms.
+_HOLD = """
+local holder = redis.call('GET', KEYS[1])
+if holder and holder ~= ARGV[1] then return 0 end
+redis.call('SET', KEYS[1], ARGV[1], 'PX', ARGV[2])
+return 1
+"""
+
+
 class Turns:
-    """Work that only one of all processes does, now and then."""
+    """Work that only one of all processes does: now and then, or as long as it lives."""
 
     def __init__(self, redis: Redis):
         self._redis = redis
+        self._name = secrets.token_hex(8)
+        self._hold = redis.register_script(_HOLD)
+
+    def hold(self, work: str, seconds: float) -> bool:
+        """Whether this work is ours; it stays so as long as we ask again within `seconds`."""
+        return bool(self._hold(keys=[f"mpf:turn:{work}"], args=[self._name, int(seconds * 1000)]))
 
     def take(self, name: str, seconds: float) -> bool:
         """Whether it is our turn; then nobody else's for `seconds` (0: it always is)."""

@@ -11,13 +11,17 @@ from starlette.testclient import TestClient
 
 from mpf_core.options import PRESETS, options_to_mapping
 from service.app import create_app
+from service.artifacts.opened import artifacts_of
+from service.jobs.lease import Lease
 from service.jobs.model import EXTRACTION, FIT, Input
-from service.jobs.queue import queue_for
+from service.jobs.queue import JobQueue, queue_for
+from service.jobs.store import JobStore
 from service.operations.estimates import Outlook
-from service.operations.store import WorkerEntry, WorkerRegister
+from service.operations.store import Turns, WorkerEntry, WorkerRegister
 from service.settings import QUEUES, Settings, usable_cores
 from tests.services import form, running_worker, wait_for
 from worker.cli import worker as worker_command
+from worker.reaper import Reaper
 
 
 def test_the_weight_of_a_job_names_its_queue(settings: Settings) -> None:
@@ -133,3 +137,30 @@ def test_a_queue_that_is_none_is_refused() -> None:
     assert told.exit_code == 2
     assert "huge" in told.output
     assert "fit-large" in told.output
+
+
+def test_of_many_workers_one_looks_after_lost_jobs(settings: Settings, redis: Redis) -> None:
+    quick = settings.model_copy(update={"content_check_bytes": 0, "lease_seconds": 4.0})
+    register = WorkerRegister(redis)
+    store = JobStore(redis, retention_seconds=60)
+    queue = JobQueue(redis, job_seconds=60)
+    passed = [0.0]
+    reapers = [
+        Reaper(store, queue, artifacts_of(quick), quick, register, Turns(redis), lambda: passed[0])
+        for _ in range(2)
+    ]
+    with TestClient(create_app(quick), base_url="http://localhost") as client:
+        job_id = client.post("/jobs", **form(name="ok.xyz")).json()["id"]
+    store.start(Lease(job_id, 1, "lost"))
+    for number in range(20):
+        register.sign(f"worker {number}", WorkerEntry(QUEUES, 1, 0))
+    for reaper in (reapers[0], reapers[1]):
+        reaper.look()
+    passed[0] += 5
+    reapers[1].look()
+    assert store.get(job_id).attempt == 1  # type: ignore[union-attr]
+    reapers[0].look()
+    assert store.get(job_id).attempt == 2  # type: ignore[union-attr]
+    redis.delete("mpf:turn:reaper")  # the one that looked is lost
+    reapers[1].look()
+    assert Turns(redis).hold("reaper", 1.0) is False
