@@ -255,7 +255,7 @@ def cost(preset: str, points: int) -> dict[str, float]:
 
 
 def check(count: int, load: float, seed: int) -> dict[str, float]:
-    """A real service with one worker and small real fits against what the simulation foretells.
+    """A real service with one worker against what the simulation foretells.
 
     Two rounds of the same kind of jobs: from the first, which are queued together, comes how long
     one occupies the worker; the second arrives at random, at `load` of what the worker can do.

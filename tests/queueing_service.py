@@ -1,4 +1,7 @@
-"""A real service with one worker and small real fits, for benchmarks/queueing.py."""
+"""A real service with one worker, for benchmarks/queueing.py.
+
+All is real but the fit: a job's process starts, works for two seconds, and publishes.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +26,8 @@ from tests.services import (
     wait_for,
 )
 
-# A fit of a few seconds, most of them the start of its process.
-SMALL: dict[str, Any] = {
-    "preset": "draft", "max_iterations": 60, "width": 32, "resolution": 32, "slices": 0,
-}  # fmt: skip
+CLOUD = "long-2.xyz"
+"""Works for two seconds (tests/worker/plumbing.py)."""
 
 
 @dataclass
@@ -39,15 +40,15 @@ class Service:
 
 @contextmanager
 def one_worker() -> Iterator[Service]:
-    """Valkey, API and one worker as it is shipped."""
+    """Valkey, API and one worker."""
     with tempfile.TemporaryDirectory(prefix="mpf-") as folder:
         server = Server(Path(folder) / "valkey")
         server.start()
         settings = settings_for(server, Path(folder), content_check_bytes=0)
         try:
-            with running_api(settings) as url, running_worker(settings, "tests.worker.shipped"):
+            with running_api(settings) as url, running_worker(settings):
                 service = Service(url)
-                ended(service, [submit(service)])  # the files of torch are in the cache now
+                ended(service, [submit(service)])  # what it loads is in the cache now
                 (lone,) = ended(service, [submit(service)])
                 service.start_seconds = lone["started"] - lone["created"]
                 yield service
@@ -56,7 +57,7 @@ def one_worker() -> Iterator[Service]:
 
 
 def submit(service: Service) -> str:
-    answer = httpx2.post(f"{service.url}/jobs", timeout=30, **form(**SMALL))
+    answer = httpx2.post(f"{service.url}/jobs", timeout=30, **form(name=CLOUD))
     assert answer.status_code == 202, answer.text
     return str(answer.json()["id"])
 
