@@ -58,6 +58,7 @@ def api(host: str, port: int, fd: int | None) -> None:
     import uvicorn
 
     from service.app import create_app
+    from service.artifacts.base import NoSuchStore
     from service.connection import RedisError, UnsafeRedis, connect, require_noeviction
     from service.logs import configure_logging
     from service.serving import CannotServe, is_loopback, require_a_key
@@ -74,9 +75,13 @@ def api(host: str, port: int, fd: int | None) -> None:
         raise click.ClickException(str(error)) from error
     except RedisError:
         pass  # Redis may come later; until then the API answers 503
+    try:
+        app = create_app(settings)
+    except NoSuchStore as error:
+        raise click.ClickException(str(error)) from error
     sys.setswitchinterval(SWITCH_SECONDS)
     uvicorn.run(
-        create_app(settings),
+        app,
         host=host,
         port=port,
         fd=fd,

@@ -18,6 +18,7 @@ from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from mpf_core.errors import MPFError
+from service.artifacts.base import StoreUnavailable
 from service.connection import UNREACHABLE
 from service.problems import MEDIA_TYPE, Problem, problem_from
 
@@ -114,6 +115,9 @@ async def _on_redis(request: Request, error: Exception) -> Response:
 
 
 async def _on_disk(request: Request, error: Exception) -> Response:
+    if isinstance(error, StoreUnavailable):
+        log.warning("%s", error)
+        return respond(unavailable("the artefact store does not answer"), request)
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         return respond(Problem("storage.full", "there is no room for this input",
                                advice="Delete jobs, or wait until old ones expire.",
@@ -127,9 +131,9 @@ async def _on_anything(request: Request, error: Exception) -> Response:
     return respond(Problem("internal", f"incident {incident}: see the service's log"), request)
 
 
-def unavailable() -> Problem:
-    """The problem of a service whose Redis is away."""
-    return Problem("service.unavailable", "the job store does not answer",
+def unavailable(what: str = "the job store does not answer") -> Problem:
+    """The problem of a service whose Redis, or whose object store, is away."""
+    return Problem("service.unavailable", what,
                    advice="Try again; accepted jobs are not lost.", retry_after=2)  # fmt: skip
 
 

@@ -164,8 +164,13 @@ def _api(listener: socket.socket, environment: dict[str, str]) -> Child:
 
 def _workers(plan: Plan, environment: dict[str, str]) -> list[Child]:
     return [
-        Child(f"worker {n}", _mpf("worker"), environment, stop_seconds=WORKER_STOP_SECONDS)
-        for n in range(1, plan.workers + 1)
+        Child(
+            f"worker {n + 1}",
+            _mpf("worker"),
+            environment | {"MPF_WORKER_INDEX": str(n)},
+            stop_seconds=WORKER_STOP_SECONDS,
+        )
+        for n in range(plan.workers)
     ]
 
 

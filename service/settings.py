@@ -11,6 +11,13 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 MEBIBYTE = 2**20
 
+QueueName = Literal["extract", "fit-small", "fit-large"]
+EXTRACT: QueueName = "extract"
+FIT_SMALL: QueueName = "fit-small"
+FIT_LARGE: QueueName = "fit-large"
+QUEUES: tuple[QueueName, ...] = (EXTRACT, FIT_SMALL, FIT_LARGE)
+"""Queues by the weight of what waits in them, in the order in which a worker looks at them."""
+
 
 class Settings(BaseSettings):
     """One value, made once at the start of a process and handed to what needs it."""
@@ -30,6 +37,23 @@ class Settings(BaseSettings):
     data_dir: Path = Field(
         default=Path("mpf-data"),
         description="Folder of the artefact store (and of the embedded Valkey).",
+    )
+
+    store_url: str | None = Field(
+        default=None,
+        description="Inputs and results in an object store: s3://bucket/prefix, gs://, az://; "
+        "then data_dir holds only what passes through this machine.",
+    )
+    store_link_seconds: float = Field(
+        default=900.0,
+        ge=0,
+        le=7 * 86_400,
+        description="For which a link to a file in the object store is good, s; 0: the API passes "
+        "all files on itself.",
+    )
+    store_link_endpoint: str = Field(
+        default="",
+        description="The object store's address as callers reach it, if it is another than ours.",
     )
 
     # What is accepted
@@ -88,6 +112,23 @@ class Settings(BaseSettings):
         default=None, ge=1, description="CPU threads of one fit; cores // workers if not given."
     )
     workers: int = Field(default=1, ge=1, description="Workers that share this machine's cores.")
+    worker_index: int = Field(
+        default=0, ge=0, description="Which of these this is, from 0: who gets an odd core."
+    )
+    queues: tuple[QueueName, ...] = Field(
+        default=QUEUES,
+        min_length=1,
+        description="Queues that a worker takes jobs from, the first ones first.",
+    )
+    large_fit_evaluations: int = Field(
+        default=50_000_000,
+        ge=0,
+        description="Points of a step times the cap on steps above which a fit is large "
+        "(draft: 2 million, balanced: 6 million, paper: 450 million).",
+    )
+    large_fit_points: int = Field(
+        default=1_000_000, ge=0, description="Points of a cloud above which its fit is large."
+    )
     job_seconds: float = Field(
         default=7 * 86_400.0, gt=0, description="Wall-clock limit of one attempt at a job, s."
     )
@@ -129,6 +170,12 @@ class Settings(BaseSettings):
         default=600.0, ge=0, description="How long a job process waits for Redis to come back, s."
     )
 
+    pulse_file: Path | None = Field(
+        default=None,
+        description="A file that a worker touches every few seconds while it lives, for health "
+        "checks; whether Redis answers makes no difference.",
+    )
+
     # Webhooks
     webhook_networks: tuple[str, ...] = Field(
         default=(), description="Networks with private addresses that may get webhooks, as CIDR."
@@ -165,12 +212,23 @@ class Settings(BaseSettings):
         return f"{scheme}://{rest.rpartition('@')[2]}" if found else head
 
     def threads_per_job(self) -> int:
-        """CPU threads of one fit: what was asked for, or an even share of the cores."""
-        return self.threads or max(1, usable_cores() // self.workers)
+        """CPU threads of one fit: what was asked for, or a share of the cores.
+
+        The shares of all workers of this machine sum to its cores, unless there are fewer cores.
+        """
+        cores, place = usable_cores(), self.worker_index % self.workers
+        share = cores * (place + 1) // self.workers - cores * place // self.workers
+        return self.threads or max(1, share)
 
 
-def usable_cores() -> int:
-    """Cores this process may run on (affinity masks and cpusets counted)."""
+def usable_cores(quota: Path = Path("/sys/fs/cgroup/cpu.max")) -> int:
+    """Cores this process may run on (affinity masks, cpusets and a container's quota counted)."""
     if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+        cores = len(os.sched_getaffinity(0))
+    else:
+        cores = os.cpu_count() or 1
+    try:
+        share, period = quota.read_text().split()
+        return max(1, min(cores, int(share) // int(period)))
+    except (OSError, ValueError):  # no container, or "max"
+        return cores

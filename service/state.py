@@ -9,7 +9,8 @@ from fastapi import Depends, Request
 from redis import Redis
 
 from service.access.store import KeyStore, RateLimit, ShareStore
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts
+from service.artifacts.opened import artifacts_of
 from service.connection import connect
 from service.events.hub import Hub
 from service.events.store import EventStore
@@ -17,13 +18,15 @@ from service.jobs.commands import JobCommands
 from service.jobs.polls import Polls
 from service.jobs.queue import JobQueue
 from service.jobs.store import JobStore
+from service.operations.estimates import Estimates
 from service.operations.health import Health
 from service.operations.metrics import Metrics
 from service.operations.store import FitRate, WorkerRegister
 from service.settings import Settings
+from service.uploads.incoming import Resumable
 from service.uploads.intake import Intake
+from service.uploads.opened import uploads_of
 from service.uploads.receive import Receiver
-from service.uploads.resumable import ResumableStore
 from service.webhooks.store import WebhookStore
 
 
@@ -33,7 +36,7 @@ class State:
 
     settings: Settings
     redis: Redis
-    artifacts: ArtifactStore
+    artifacts: Artifacts
     store: JobStore
     events: EventStore
     webhooks: WebhookStore
@@ -41,8 +44,9 @@ class State:
     polls: Polls
     jobs: JobCommands
     receiver: Receiver
-    resumable: ResumableStore
+    resumable: Resumable
     intake: Intake
+    estimates: Estimates
     health: Health
     metrics: Metrics
     keys: KeyStore
@@ -54,10 +58,10 @@ class State:
 def build_state(settings: Settings) -> State:
     """Wire the parts; nothing connects before it is used."""
     redis = connect(settings)
-    artifacts = ArtifactStore(settings.data_dir)
+    artifacts = artifacts_of(settings)
     store = JobStore(redis, retention_seconds=settings.retention_seconds)
     queue = JobQueue(redis, job_seconds=settings.job_seconds)
-    resumable = ResumableStore(settings.data_dir, settings)
+    resumable = uploads_of(settings, redis)
     commands = JobCommands(redis, store, queue, artifacts, settings)
     return State(
         settings=settings,
@@ -72,6 +76,7 @@ def build_state(settings: Settings) -> State:
         receiver=Receiver(artifacts, settings),
         resumable=resumable,
         intake=Intake(commands, artifacts, resumable, settings),
+        estimates=Estimates(store, WorkerRegister(redis)),
         health=Health(redis, artifacts),
         metrics=Metrics(store, WorkerRegister(redis), artifacts),
         keys=KeyStore(redis),

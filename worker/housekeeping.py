@@ -8,15 +8,16 @@ from collections.abc import Callable
 
 from redis.exceptions import RedisError
 
-from service.artifacts.store import ArtifactStore
+from service.artifacts.opened import artifacts_of
 from service.connection import connect
 from service.events.store import EventStore
 from service.jobs.queue import JobQueue
 from service.jobs.store import JobStore
 from service.operations.retention import Retention
-from service.operations.store import WorkerRegister
+from service.operations.store import Turns, WorkerRegister
 from service.settings import Settings
 from service.webhooks.store import WebhookStore
+from worker.pace import Pace
 from worker.reaper import Reaper
 from worker.webhooks import Deliverer
 
@@ -57,20 +58,27 @@ class Loop:
                 return
 
 
+def pulse(settings: Settings) -> None:
+    """Show whoever looks at this machine only that the worker lives."""
+    if settings.pulse_file is not None:
+        settings.pulse_file.touch()
+
+
 class Housekeeping:
     """Runs while the worker lives."""
 
-    def __init__(self, name: str, settings: Settings):
+    def __init__(self, name: str, pace: Pace, settings: Settings):
         redis = connect(settings)
         register = WorkerRegister(redis)
         queue = JobQueue(redis, job_seconds=settings.job_seconds)
         store = JobStore(redis, retention_seconds=settings.retention_seconds)
-        artifacts = ArtifactStore(settings.data_dir)
-        reaper = Reaper(store, queue, artifacts, settings)
+        artifacts = artifacts_of(settings)
+        reaper = Reaper(store, queue, artifacts, settings, register, Turns(redis))
         retention = Retention(store, artifacts, settings)
         deliverer = Deliverer(WebhookStore(redis), store, EventStore(redis), settings)
         self._loops = [
-            Loop("register", ROUND_SECONDS, lambda: register.sign(name)),
+            Loop("pulse", ROUND_SECONDS, lambda: pulse(settings)),
+            Loop("register", ROUND_SECONDS, lambda: register.sign(name, pace.entry())),
             Loop("reaper", ROUND_SECONDS, reaper.look),
             Loop("retention", settings.retention_round_seconds, retention.round),
             Loop("webhooks", WEBHOOK_ROUND_SECONDS, deliverer.round),

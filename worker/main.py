@@ -62,7 +62,7 @@ def run_worker(settings: Settings, make: Callable[[Settings], MpfWorker] = MpfWo
 def _work(worker: MpfWorker, settings: Settings) -> bool:
     """Take jobs until told to leave (True) or until the connection is lost for good (False)."""
     try:
-        with Housekeeping(worker.name, settings):
+        with Housekeeping(worker.name, worker.pace, settings):
             worker.work(logging_level="WARNING")
         WorkerRegister(connect(settings)).leave(worker.name)
     except RedisError as error:

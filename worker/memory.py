@@ -17,11 +17,16 @@ def limit_memory(settings: Settings) -> None:
 
     RLIMIT_DATA counts private writable memory; RLIMIT_AS would count libraries and reservations.
     """
-    limit = settings.job_memory_bytes
-    if limit is None:
-        limit = int(SHARE * machine_memory() / settings.workers)
+    limit = memory_per_job(settings)
     if limit > 0:
         resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+
+
+def memory_per_job(settings: Settings) -> int:
+    """Bytes that one job process may use; 0: no limit."""
+    if settings.job_memory_bytes is not None:
+        return settings.job_memory_bytes
+    return int(SHARE * machine_memory() / settings.workers)
 
 
 def machine_memory() -> int:

@@ -47,4 +47,4 @@ class Parking:
             # Whoever takes it out of the set enqueues it.
             if self._store.unpark(job.id) and job.state is JobState.QUEUED:
                 let[job.owner] += 1
-                self._queue.enqueue(job.id, job.attempt)
+                self._queue.enqueue(job, job.attempt)

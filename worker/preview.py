@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 
-from mpf_core.files import write_atomically
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts
 from service.connection import UNREACHABLE
 from service.jobs.lease import Lease, Refused
 from service.jobs.model import Preview
@@ -18,7 +17,7 @@ log = logging.getLogger("mpf.worker")
 class PreviewWriter:
     """Each preview takes the place of the one before; a lost one never ends the job."""
 
-    def __init__(self, store: JobStore, artifacts: ArtifactStore, lease: Lease):
+    def __init__(self, store: JobStore, artifacts: Artifacts, lease: Lease):
         self._store = store
         self._artifacts = artifacts
         self._lease = lease
@@ -30,7 +29,7 @@ class PreviewWriter:
         self._number += 1
         about = Preview(attempt, self._number, len(glb), hashlib.sha256(glb).hexdigest())
         try:
-            write_atomically(self._artifacts.preview(job_id, attempt), glb)
+            self._artifacts.write_preview(job_id, attempt, glb)
             self._store.preview(self._lease, about)
         except Refused as refusal:
             log.info("job %s: preview refused: %s", job_id, refusal)

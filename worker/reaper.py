@@ -10,11 +10,12 @@ import logging
 import time
 from collections.abc import Callable
 
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts
 from service.jobs.lease import Refused
 from service.jobs.model import Job, JobState
 from service.jobs.queue import JobQueue, entry_id
 from service.jobs.store import JobStore
+from service.operations.store import Turns, WorkerRegister
 from service.settings import Settings
 from worker.parking import Parking
 from worker.settle import cancelled_problem, crashed_problem, forget_if_ended
@@ -25,6 +26,12 @@ Clock = Callable[[], float]
 
 # A queued job without an entry for this long was lost between the two.
 LOST_ENTRY_SECONDS = 10.0
+
+
+# Each look reads all that waits and runs. A few workers may all do so, the sooner a lost one is
+# found; of many only one does, and another one after this time should that be the one that is lost.
+FEW_WORKERS = 8
+REAPER_SECONDS = 10.0
 
 
 class Watch:
@@ -56,10 +63,14 @@ class Reaper:
         self,
         store: JobStore,
         queue: JobQueue,
-        artifacts: ArtifactStore,
+        artifacts: Artifacts,
         settings: Settings,
+        register: WorkerRegister,
+        turns: Turns,
         clock: Clock = time.monotonic,
     ):
+        self._register = register
+        self._turns = turns
         self._store = store
         self._queue = queue
         self._artifacts = artifacts
@@ -69,7 +80,10 @@ class Reaper:
         self._queued = Watch(clock)
 
     def look(self) -> None:
-        """Requeue what has lost its worker or its entry."""
+        """Requeue what has lost its worker or its entry, unless another worker sees to that."""
+        many = self._register.alive() > FEW_WORKERS
+        if many and not self._turns.hold("reaper", REAPER_SECONDS):
+            return
         self._look_at_running()
         self._parking.let_out()
         self._look_at_queued()
@@ -94,7 +108,7 @@ class Reaper:
                 self._store.reap_failed(job, crashed_problem(job.attempt))
             else:
                 changed = self._store.reap(job)
-                self._queue.enqueue(job.id, changed.attempt)
+                self._queue.enqueue(job, changed.attempt)
             self._artifacts.discard_work(job.id, job.attempt)
             forget_if_ended(job.id, self._store, self._artifacts)
         except Refused as refusal:
@@ -111,5 +125,5 @@ class Reaper:
             lost.add(job_id)
             if self._queued.unchanged_for(job_id, job.attempt) > LOST_ENTRY_SECONDS:
                 log.warning("job %s: its queue entry is lost; enqueued again", job_id)
-                self._queue.enqueue(job_id, job.attempt)
+                self._queue.enqueue(job, job.attempt)
         self._queued.forget_all_but(lost)

@@ -19,13 +19,14 @@ from rq import Queue, Worker
 from rq.job import Job as Entry
 from rq.serializers import JSONSerializer
 
-from service.artifacts.store import ArtifactStore
+from service.artifacts.opened import artifacts_of
 from service.connection import connect
 from service.jobs.lease import Lease
-from service.jobs.queue import QUEUE_NAME, JobQueue, attempt_of
+from service.jobs.queue import JobQueue, attempt_of, rq_name
 from service.jobs.store import JobStore
 from service.settings import Settings
 from worker.lease import LeaseKeeper
+from worker.pace import Pace
 from worker.parking import Parking
 from worker.settle import settle
 
@@ -48,7 +49,10 @@ class MpfWorker(Worker):
         self.settings = settings
         redis = connect(settings)
         super().__init__(
-            [Queue(QUEUE_NAME, connection=redis, serializer=JSONSerializer)],
+            [
+                Queue(rq_name(name), connection=redis, serializer=JSONSerializer)
+                for name in settings.queues
+            ],
             connection=redis,
             serializer=JSONSerializer,
             worker_ttl=WORKER_TTL_SECONDS,
@@ -58,10 +62,11 @@ class MpfWorker(Worker):
         own = connect(settings)
         self.store = JobStore(own, retention_seconds=settings.retention_seconds)
         self.queue = JobQueue(own, job_seconds=settings.job_seconds)
-        self.artifacts = ArtifactStore(settings.data_dir)
+        self.artifacts = artifacts_of(settings)
         self.parking = Parking(self.store, self.queue, settings.running_per_owner)
         self._process: subprocess.Popen[bytes] | None = None
         self.left_on_request = False
+        self.pace = Pace(settings)
 
     def execute_job(self, job: Entry, queue: Queue) -> None:
         """Run the entry, unless its owner runs as many jobs as it may."""
@@ -116,6 +121,8 @@ class MpfWorker(Worker):
             self.settings,
             overtime=keeper.overtime,
         )
+        with contextlib.suppress(RedisError):
+            self.pace.note(self.store.get(job_id))
 
     def wait_for_horse(self) -> tuple[int | None, int | None, Any]:
         """As RQ's, but the end is noted where `subprocess` looks for it."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from redis.exceptions import RedisError
 
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts, StoreUnavailable
 from service.jobs.lease import Lease, Refused
 from service.jobs.model import Job, JobState
 from service.jobs.queue import JobQueue
@@ -24,7 +24,7 @@ def settle(
     code: int,
     store: JobStore,
     queue: JobQueue,
-    artifacts: ArtifactStore,
+    artifacts: Artifacts,
     settings: Settings,
     *,
     overtime: bool = False,
@@ -45,14 +45,16 @@ def settle(
             forget_if_ended(job.id, store, artifacts)
         elif job is not None and job.state is JobState.QUEUED and code == -signal.SIGTERM:
             # It was told to leave before it had started.
-            queue.enqueue(job.id, job.attempt)
+            queue.enqueue(job, job.attempt)
     except Refused as refusal:
         log.info("job %s: settled elsewhere (%s)", lease.job_id, refusal)
     except RedisError as error:
         log.warning("job %s: left to the reaper: %s", lease.job_id, error)
+    except StoreUnavailable as error:
+        log.warning("job %s: left to the removal of the job: %s", lease.job_id, error)
 
 
-def forget_if_ended(job_id: str, store: JobStore, artifacts: ArtifactStore) -> None:
+def forget_if_ended(job_id: str, store: JobStore, artifacts: Artifacts) -> None:
     """Remove what the next attempt would go on from, if there is none."""
     job = store.get(job_id)
     if job is None or job.ended:
@@ -70,7 +72,7 @@ def _end_of(
         store.fail(lease, crashed_problem(job.attempt))
     else:
         changed = store.hand_back(lease)
-        queue.enqueue(job.id, changed.attempt)
+        queue.enqueue(job, changed.attempt)
 
 
 def out_of_memory_killed(events: Path = Path("/sys/fs/cgroup/memory.events")) -> bool:

@@ -12,9 +12,10 @@ import os
 import secrets
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from redis import Redis
 from rq import get_current_job
@@ -23,7 +24,8 @@ from rq.timeouts import JobTimeoutException
 from mpf_core.errors import Cancelled, MPFError
 from mpf_core.extraction_options import extraction_from
 from mpf_core.options import options_from
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import StoreUnavailable
+from service.artifacts.opened import artifacts_of
 from service.connection import UNREACHABLE, connect
 from service.jobs.lease import Changed, Lease, Refused
 from service.jobs.model import EXTRACTION, FIT, RESULTS, Artifact, Job
@@ -39,6 +41,11 @@ from worker.report import Reporter
 from worker.settle import cancelled_problem, out_of_memory_problem, time_limit_problem
 
 log = logging.getLogger("mpf.worker")
+
+T = TypeVar("T")
+
+STORE_PAUSE_SECONDS = 1.0
+"""Between two tries to reach the artefact store."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,8 @@ class Attempt:
         self._settings = settings
         self._store = JobStore(redis, retention_seconds=settings.retention_seconds)
         self._queue = JobQueue(redis, job_seconds=settings.job_seconds)
-        self._artifacts = ArtifactStore(settings.data_dir)
+        self._artifacts = artifacts_of(settings)
+        self._artifacts.prepare()
         self._reporter = Reporter(self._store, lease, settings)
         self._rate = FitRate(redis)
 
@@ -126,7 +134,10 @@ class Attempt:
         try:
             self._finish(self._outcome(job))
         finally:
-            self._artifacts.discard_work(self._lease.job_id, self._lease.attempt)
+            try:
+                self._artifacts.discard_work(self._lease.job_id, self._lease.attempt)
+            except StoreUnavailable as error:
+                log.warning("job %s: left to the removal of the job: %s", self._name()[0], error)
 
     def _outcome(self, job: Job) -> Callable[[], Changed]:
         """Run the job; what comes back writes the record."""
@@ -138,26 +149,52 @@ class Attempt:
             return self._failed(problem_from(error).as_dict())
         except JobTimeoutException:
             return self._failed(time_limit_problem(self._settings))
+        except StoreUnavailable as error:
+            return self._without_store(error)
         except Exception as error:
             return self._failed(self._unexpected(error))
         return lambda: self._store.succeed(self._lease, files)
 
     def _perform(self, job: Job) -> dict[str, Artifact]:
-        out = self._artifacts.work(job.id, self._lease.attempt)
+        job_id, attempt = self._name()
         # The last attempt begins anew: it may be what was kept that ended the others.
-        inherit = self._lease.attempt < self._settings.max_attempts
-        run = Run(
-            job,
-            self._settings.threads_per_job(),
-            self._artifacts.input(job.id),
-            out,
-            self._reporter,
-            preview=PreviewWriter(self._store, self._artifacts, self._lease),
-            checkpoint=self._artifacts.checkpoint(job.id, self._lease.attempt, inherit=inherit),
-        )
-        RUNNERS[job.kind](run)
+        inherit = attempt < self._settings.max_attempts
+        given = self._patiently(lambda: self._artifacts.input(job_id, attempt))
+        with self._artifacts.checkpoint(job_id, attempt, inherit=inherit) as checkpoint:
+            run = Run(
+                job,
+                self._settings.threads_per_job(),
+                given,
+                self._artifacts.work(job_id, attempt),
+                self._reporter,
+                preview=PreviewWriter(self._store, self._artifacts, self._lease),
+                checkpoint=checkpoint,
+            )
+            RUNNERS[job.kind](run)
         self._note_rate()
-        return self._artifacts.publish(job.id, self._lease.attempt)
+        return self._patiently(lambda: self._artifacts.publish(job_id, attempt))
+
+    def _patiently(self, act: Callable[[], T]) -> T:
+        """Wait for the artefact store while it is away; raises Cancelled once that is in vain."""
+        deadline = time.monotonic() + self._settings.redis_patience_seconds
+        while True:
+            try:
+                return act()
+            except StoreUnavailable as error:
+                if self._reporter.cancel():
+                    raise Cancelled("the job is not ours any more") from error
+                if time.monotonic() > deadline:
+                    raise
+                log.warning("job %s: attempt %s waits: %s", *self._name(), error)
+                time.sleep(STORE_PAUSE_SECONDS)
+
+    def _without_store(self, error: StoreUnavailable) -> Callable[[], Changed]:
+        """Another worker may reach the store; the last attempt ends."""
+        log.warning("job %s: attempt %s gives up: %s", *self._name(), error)
+        if self._lease.attempt < self._settings.max_attempts:
+            return self._handed_back
+        problem = Problem("service.unavailable", "the artefact store does not answer")
+        return self._failed(problem.as_dict())
 
     def _note_rate(self) -> None:
         """For those who ask what the next fit will take."""
@@ -183,10 +220,15 @@ class Attempt:
 
     def _stopped(self) -> Changed:
         if self._reporter.reason == "hand back":
-            changed = self._store.hand_back(self._lease)
-            self._queue.enqueue(self._lease.job_id, changed.attempt)
-            return changed
+            return self._handed_back()
         return self._store.cancelled(self._lease, cancelled_problem())
+
+    def _handed_back(self) -> Changed:
+        changed = self._store.hand_back(self._lease)
+        job = self._store.get(self._lease.job_id)
+        if job is not None:
+            self._queue.enqueue(job, changed.attempt)
+        return changed
 
     def _finish(self, write: Callable[[], Changed]) -> None:
         """Write how it ended, waiting for Redis if it is away."""
@@ -206,7 +248,8 @@ class Attempt:
             else:
                 log.info("job %s: attempt %s ends %s", *self._name(), changed.state)
                 if changed.state in RESULTS:
-                    self._artifacts.forget_checkpoints(self._lease.job_id)
+                    with suppress(StoreUnavailable):
+                        self._artifacts.forget_checkpoints(self._lease.job_id)
                 return
 
     def _name(self) -> tuple[str, int]:

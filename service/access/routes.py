@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.caller import Caller
 from service.access.dependency import CallerDep
-from service.artifacts.routes import file_response, preview_response
+from service.artifacts.routes import ELSEWHERE, file_response, preview_response
 from service.jobs.model import Job
 from service.jobs.routes import JobId
 from service.jobs.schemas import JobOut, job_out
@@ -88,7 +88,7 @@ def unshare(job_id: JobId, share_id: str, caller: CallerDep, state: StateDep) ->
 )
 def shared_job(token: Token, state: StateDep) -> JobOut:
     """The job that was shared."""
-    return job_out(_shared(state, token), None)
+    return job_out(_shared(state, token))
 
 
 @router.get(
@@ -102,7 +102,8 @@ def shared_job(token: Token, state: StateDep) -> JobOut:
         "job.expired",
         "request.invalid",
         "request.range",
-    ),
+    )
+    | ELSEWHERE,
 )
 def shared_file(token: Token, name: str, request: Request, state: StateDep) -> Response:
     """A file of the job that was shared."""

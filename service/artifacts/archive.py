@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import time
 import zipfile
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterable, Iterator
 from typing import IO, cast
 
-CHUNK_BYTES = 256 * 1024
+from service.artifacts.base import Blob
 
 
 class _Pipe:
@@ -29,14 +29,16 @@ class _Pipe:
         return taken
 
 
-def zip_of(files: dict[str, Path]) -> Iterator[bytes]:
+def zip_of(files: Iterable[tuple[str, Blob]]) -> Iterator[bytes]:
     """The archive's bytes; meshes and pictures are stored as they are (GLB and PNG pack badly)."""
     pipe = _Pipe()
     with zipfile.ZipFile(cast("IO[bytes]", pipe), "w", zipfile.ZIP_STORED) as archive:
-        for name, path in files.items():
-            about = zipfile.ZipInfo.from_file(path, name)
-            with path.open("rb") as source, archive.open(about, "w", force_zip64=True) as target:
-                while chunk := source.read(CHUNK_BYTES):
+        for name, blob in files:
+            about = zipfile.ZipInfo(name, time.localtime(blob.modified)[:6])
+            about.file_size = blob.size
+            about.external_attr = 0o100644 << 16
+            with archive.open(about, "w", force_zip64=True) as target:
+                for chunk in blob.read():
                     target.write(chunk)
                     yield pipe.take()
     yield pipe.take()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 from base64 import b64encode
 from enum import StrEnum
-from typing import Annotated
+from pathlib import PurePath
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
@@ -15,6 +16,8 @@ from starlette.types import Message, Receive, Scope, Send
 from service.access.caller import Caller
 from service.access.dependency import CallerDep
 from service.artifacts.archive import zip_of
+from service.artifacts.base import Blob
+from service.artifacts.passing import linked, passed, wants_link
 from service.jobs.routes import JobId
 from service.problem_handlers import respond
 from service.problems import Problem
@@ -32,6 +35,18 @@ _PROBLEMS = problems(
     "request.range",
 )
 _NO_RANGES = {status: told for status, told in _PROBLEMS.items() if status != 416}
+
+ELSEWHERE: dict[int | str, dict[str, Any]] = {
+    307: {
+        "description": "The file at the object store, by a link that lapses; never sent to the "
+        "scripts and pictures of a web page.",
+        "headers": {"Location": {"schema": {"type": "string", "format": "uri"}}},
+    }
+}
+_FILE = _PROBLEMS | ELSEWHERE
+
+KEPT = "private, max-age=31536000, immutable"
+"""Neither a published file nor an input ever changes, so clients may keep it."""
 
 
 class Axis(StrEnum):
@@ -121,40 +136,44 @@ Index = Annotated[int, Path(ge=0, le=9999, description="From 0, along the axis."
 @router.get(
     "/jobs/{job_id}/input",
     response_class=Ply,
-    responses=problems("job.not_found", "job.expired", "artifact.not_found", "request.range"),
+    responses=problems("job.not_found", "job.expired", "artifact.not_found", "request.range")
+    | ELSEWHERE,
 )
 def input_file(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
     """What was uploaded, byte by byte; of an extraction the field that it works on."""
-    job, path = state.jobs.input_of(caller, job_id)
+    job = state.jobs.get(caller, job_id)
     tag = f'"{job.input.sha256}"' if job.input else '""'
-    headers = {"Cache-Control": "private, max-age=31536000, immutable", "ETag": tag}
+    headers = {"Cache-Control": KEPT, "ETag": tag}
     if tag in request.headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)
+    try:
+        blob = state.artifacts.given(job.id)
+    except FileNotFoundError as error:
+        raise Problem("artifact.not_found", f"job {job_id} has lost its input") from error
     # Never inline: a browser must not make a page of what somebody has uploaded.
     headers["X-Content-Type-Options"] = "nosniff"
-    name = f"{job_id[:8]}-input{path.suffix}"
-    return Ply(path, headers=headers, filename=name, media_type="application/octet-stream")
+    return _sent(blob, request, headers, Ply, f'attachment; filename="{job_id[:8]}-{blob.name}"')
 
 
-@router.get("/jobs/{job_id}/mesh.glb", response_class=Glb, responses=_PROBLEMS)
+@router.get("/jobs/{job_id}/mesh.glb", response_class=Glb, responses=_FILE)
 def mesh_glb(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
     """The mesh as binary glTF."""
     return file_response(state, caller, job_id, "mesh.glb", request)
 
 
-@router.get("/jobs/{job_id}/mesh.ply", response_class=Ply, responses=_PROBLEMS)
+@router.get("/jobs/{job_id}/mesh.ply", response_class=Ply, responses=_FILE)
 def mesh_ply(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
     """The mesh as binary PLY, in the input's coordinates."""
     return file_response(state, caller, job_id, "mesh.ply", request)
 
 
-@router.get("/jobs/{job_id}/field.safetensors", response_class=Field, responses=_PROBLEMS)
+@router.get("/jobs/{job_id}/field.safetensors", response_class=Field, responses=_FILE)
 def field(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
     """The fitted field, with everything needed to use it."""
     return file_response(state, caller, job_id, "field.safetensors", request)
 
 
-@router.get("/jobs/{job_id}/report.json", response_class=Json, responses=_PROBLEMS)
+@router.get("/jobs/{job_id}/report.json", response_class=Json, responses=_FILE)
 def report(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
     """Options, timings, losses, distances, topology."""
     return file_response(state, caller, job_id, "report.json", request)
@@ -163,7 +182,7 @@ def report(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) 
 @router.get(
     "/jobs/{job_id}/slices/{axis}/{index}.png",
     response_class=Png,
-    responses=_PROBLEMS | problems("request.invalid"),
+    responses=_FILE | problems("request.invalid"),
 )
 def slice_png(
     job_id: JobId,
@@ -191,7 +210,7 @@ def preview_glb(job_id: JobId, request: Request, caller: CallerDep, state: State
 @router.get(
     "/jobs/{job_id}/slices/{field}/{axis}/{index}.png",
     response_class=Png,
-    responses=_PROBLEMS | problems("request.invalid"),
+    responses=_FILE | problems("request.invalid"),
 )
 def cut_png(
     job_id: JobId,
@@ -210,9 +229,9 @@ def cut_png(
 def result_zip(job_id: JobId, caller: CallerDep, state: StateDep) -> Zip:
     """All files of the result in one archive."""
     job = state.jobs.result_of(caller, job_id)
-    files = {
-        name: state.artifacts.result(job.id, job.result_attempt, name) for name in job.artifacts
-    }
+    files = [
+        (name, state.artifacts.result(job.id, job.result_attempt, name)) for name in job.artifacts
+    ]
     name = f'attachment; filename="{job_id[:8]}.zip"'
     return Zip(zip_of(files), headers={"Content-Disposition": name, "Cache-Control": "private"})
 
@@ -235,20 +254,30 @@ def file_response(
     sha256 = job.artifacts[name].sha256
     tag = f'"{sha256}"'
     headers = {
-        # A published file never changes, so clients may keep it.
-        "Cache-Control": "private, max-age=31536000, immutable",
+        "Cache-Control": KEPT,
         "ETag": tag,
         "Repr-Digest": f"sha-256=:{b64encode(bytes.fromhex(sha256)).decode()}:",
     }
     if tag in request.headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)
     try:
-        path = state.artifacts.result(job.id, job.result_attempt, name)
+        blob = state.artifacts.result(job.id, job.result_attempt, name)
     except FileNotFoundError as error:
         raise Problem("artifact.not_found", f"job {job_id} has lost its {name}") from error
-    return BY_SUFFIX.get(path.suffix, Ply)(
-        path,
-        headers=headers,
-        filename=f"{job_id[:8]}-{name.replace('/', '-')}",
-        content_disposition_type="inline",
-    )
+    kind = BY_SUFFIX.get(PurePath(name).suffix, Ply)
+    saved_as = f"{job_id[:8]}-{name.replace('/', '-')}"
+    return _sent(blob, request, headers, kind, f'inline; filename="{saved_as}"')
+
+
+def _sent(
+    blob: Blob, request: Request, headers: dict[str, str], kind: type[Published], disposition: str
+) -> Response:
+    """The file itself from this machine, else a link to it or its bytes passed on."""
+    link = blob.link() if wants_link(request) else None
+    if link is not None:
+        return linked(link, headers)
+    headers = headers | {"Content-Disposition": disposition}
+    media_type = kind.media_type or Ply.media_type
+    if blob.path is not None:
+        return kind(blob.path, headers=headers, media_type=media_type)
+    return passed(blob, request, headers, media_type)

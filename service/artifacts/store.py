@@ -7,8 +7,7 @@
     jobs/{job}/preview-{attempt}.glb  a mesh of what is not finished
     jobs/{job}/checkpoint-{attempt}   the state of its fit, for the next attempt to go on from
 
-Attempts never share a folder, so that a worker that lost its lease can spoil nothing. Which
-result counts is said by the record.
+Any number of processes may use it, on all machines that see the folder.
 """
 
 from __future__ import annotations
@@ -19,18 +18,46 @@ import re
 import secrets
 import shutil
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
+from mpf_core.files import write_atomically
+from service.artifacts.base import CHUNK_BYTES, Artifacts, Blob
 from service.jobs.model import Artifact
 
 _JOB_ID = re.compile(r"[0-9a-f]{32}")
 
 
-class ArtifactStore:
+class FileBlob(Blob):
+    """A file of a folder."""
+
+    def __init__(self, path: Path):
+        about = path.stat()
+        self._path = path
+        self.name = path.name
+        self.size = about.st_size
+        self.modified = about.st_mtime
+
+    @property
+    def path(self) -> Path:
+        """Where it lies."""
+        return self._path
+
+    def read(self, start: int = 0, end: int | None = None) -> Iterator[bytes]:
+        """Its bytes."""
+        left = (self.size if end is None else end) - start
+        with self._path.open("rb") as file:
+            file.seek(start)
+            while left > 0 and (chunk := file.read(min(CHUNK_BYTES, left))):
+                left -= len(chunk)
+                yield chunk
+
+
+class ArtifactStore(Artifacts):
     """The files of all jobs below one folder."""
 
     def __init__(self, root: Path):
+        self.root = root
         self._uploads = root / "uploads"
         self._jobs = root / "jobs"
 
@@ -64,7 +91,7 @@ class ArtifactStore:
         """A path for a body on its way in."""
         return self._uploads / secrets.token_hex(16)
 
-    def adopt_input(self, job_id: str, upload: Path, format_: str) -> Path:
+    def adopt_input(self, job_id: str, upload: Path, format_: str) -> None:
         """Make a complete upload the input of a job; on return it is on the disk."""
         folder = self._folder(job_id)
         folder.mkdir()
@@ -73,32 +100,34 @@ class ArtifactStore:
         upload.rename(target)
         for changed in (folder, self._jobs):
             _sync(changed)
-        return target
 
-    def share_input(self, parent: str, job_id: str) -> Path:
+    def share_input(self, parent: str, job_id: str) -> None:
         """Give a job the input of another one, without copying the bytes."""
         source = self.input(parent)
-        return self._share(source, job_id, source.name)
+        self._share(source, job_id, source.name)
 
-    def share_field(self, parent: str, attempt: int, name: str, job_id: str) -> Path:
+    def share_field(self, parent: str, attempt: int, name: str, job_id: str) -> None:
         """Make a file of another job's result the input of a job, as `share_input` does."""
-        source = self.result(parent, attempt, name)
-        return self._share(source, job_id, f"input{source.suffix}")
+        source = self.result(parent, attempt, name).path
+        self._share(source, job_id, f"input{source.suffix}")
 
-    def _share(self, source: Path, job_id: str, name: str) -> Path:
+    def _share(self, source: Path, job_id: str, name: str) -> None:
         folder = self._folder(job_id)
         folder.mkdir()
         target = folder / name
         target.hardlink_to(source)
         for changed in (folder, self._jobs):
             _sync(changed)
-        return target
 
-    def input(self, job_id: str) -> Path:
+    def input(self, job_id: str, attempt: int = 0) -> Path:  # noqa: ARG002  all attempts read it
         """The input of a job; raises FileNotFoundError if there is none."""
         for path in self._folder(job_id).glob("input.*"):
             return path
         raise FileNotFoundError(job_id)
+
+    def given(self, job_id: str) -> FileBlob:
+        """The input of a job; raises FileNotFoundError if there is none."""
+        return FileBlob(self.input(job_id))
 
     # Results
 
@@ -113,14 +142,14 @@ class ArtifactStore:
         """Make what the attempt wrote its result, at once and durably; its files by name."""
         work = self._folder(job_id) / f"work-{attempt}"
         files = sorted(path for path in work.rglob("*") if path.is_file())
-        found = {path.relative_to(work).as_posix(): _measured(path) for path in files}
+        found = {path.relative_to(work).as_posix(): measured(path) for path in files}
         for path in [*work.rglob("*"), work]:
             _sync(path)
         work.rename(self._folder(job_id) / f"result-{attempt}")
         _sync(self._folder(job_id))
         return found
 
-    def result(self, job_id: str, attempt: int, name: str) -> Path:
+    def result(self, job_id: str, attempt: int, name: str) -> FileBlob:
         """The file of a published result; raises FileNotFoundError if it has none of that name."""
         root = self._folder(job_id) / f"result-{attempt}"
         if ".." in PurePosixPath(name).parts:
@@ -128,24 +157,26 @@ class ArtifactStore:
         path = root / name
         if not path.is_file():
             raise FileNotFoundError(name)
-        return path
+        return FileBlob(path)
 
-    def preview(self, job_id: str, attempt: int) -> Path:
-        """Where an attempt keeps the latest mesh of its unfinished fit."""
-        return self._folder(job_id) / f"preview-{attempt}.glb"
+    def write_preview(self, job_id: str, attempt: int, glb: bytes) -> None:
+        """Put the latest mesh of an unfinished fit in place of the one before."""
+        write_atomically(self._preview(job_id, attempt), glb)
 
-    def checkpoint(self, job_id: str, attempt: int, *, inherit: bool = True) -> Path:
-        """Where an attempt keeps the state of its fit; at first that of the attempt before.
+    def read_preview(self, job_id: str, attempt: int) -> bytes:
+        """That mesh; raises FileNotFoundError if there is none."""
+        return self._preview(job_id, attempt).read_bytes()
 
-        Attempts share no file: one that lost its lease and does not know it yet spoils nothing.
-        """
+    @contextmanager
+    def checkpoint(self, job_id: str, attempt: int, *, inherit: bool = True) -> Iterator[Path]:
+        """A file that is where the next attempt looks for it."""
         path = self._folder(job_id) / f"checkpoint-{attempt}"
         if inherit and not path.exists():
             for older in range(attempt - 1, 0, -1):
                 with suppress(FileNotFoundError):
                     path.hardlink_to(path.with_name(f"checkpoint-{older}"))
                     break
-        return path
+        yield path
 
     def forget_checkpoints(self, job_id: str) -> None:
         """The job has ended: nobody will go on from where it was."""
@@ -154,15 +185,8 @@ class ArtifactStore:
 
     def discard_work(self, job_id: str, attempt: int) -> None:
         """Remove what an attempt wrote without publishing it."""
-        self.preview(job_id, attempt).unlink(missing_ok=True)
+        self._preview(job_id, attempt).unlink(missing_ok=True)
         shutil.rmtree(self._folder(job_id) / f"work-{attempt}", ignore_errors=True)
-
-    def keep_only(self, job_id: str, attempt: int) -> None:
-        """Remove everything that attempts wrote, but for the result of this one (0: of none)."""
-        folder = self._folder(job_id)
-        for path in [*folder.glob("work-*"), *folder.glob("result-*")]:
-            if path.name != f"result-{attempt}":
-                shutil.rmtree(path, ignore_errors=True)
 
     # Removal
 
@@ -175,14 +199,16 @@ class ArtifactStore:
         with suppress(FileNotFoundError):
             yield from (p.name for p in self._jobs.iterdir() if _JOB_ID.fullmatch(p.name))
 
-    def uploads(self) -> Iterator[Path]:
-        """The bodies on their way in (or left over)."""
-        with suppress(FileNotFoundError):
-            yield from self._uploads.iterdir()
-
-    def folder_age(self, job_id: str, now: float) -> float:
+    def age(self, job_id: str, now: float) -> float:
         """Seconds since the folder of a job was last written to."""
         return now - self._folder(job_id).stat().st_mtime
+
+    def remove_leftovers(self, older_than: float) -> Iterator[str]:
+        """Remove bodies that were on their way in when their process died; their names."""
+        yield from remove_older(self._uploads, older_than)
+
+    def _preview(self, job_id: str, attempt: int) -> Path:
+        return self._folder(job_id) / f"preview-{attempt}.glb"
 
     def _folder(self, job_id: str) -> Path:
         if not _JOB_ID.fullmatch(job_id):
@@ -190,7 +216,21 @@ class ArtifactStore:
         return self._jobs / job_id
 
 
-def _measured(path: Path) -> Artifact:
+def remove_older(folder: Path, than: float) -> Iterator[str]:
+    """Remove the files of a folder that nobody has written to since; their names.
+
+    than: s since 1970.
+    """
+    with suppress(FileNotFoundError):
+        for path in list(folder.iterdir()):
+            with suppress(FileNotFoundError):
+                if path.stat().st_mtime < than:
+                    path.unlink()
+                    yield path.name
+
+
+def measured(path: Path) -> Artifact:
+    """Size and SHA-256 of a file."""
     with path.open("rb") as file:
         return Artifact(path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest())
 

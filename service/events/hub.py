@@ -12,9 +12,9 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from redis.asyncio import Redis
 from redis.exceptions import RedisError
 
+from service.connection import connect_async
 from service.events.store import FEED_CHANNEL
 from service.settings import Settings
 
@@ -49,7 +49,7 @@ class Hub:
     """Listens as soon as the first watcher comes."""
 
     def __init__(self, settings: Settings):
-        self._url = settings.redis_url
+        self._settings = settings
         self._watchers: dict[str, set[Watcher]] = defaultdict(set)
         self._task: asyncio.Task[None] | None = None
 
@@ -84,7 +84,8 @@ class Hub:
             self._wake_all()
 
     async def _follow(self) -> None:
-        redis = Redis.from_url(self._url, socket_connect_timeout=2.0, health_check_interval=10)
+        # A silent feed is no fault: nothing may have happened.
+        redis = connect_async(self._settings, socket_timeout=None)
         async with redis, redis.pubsub() as feed:
             await feed.subscribe(FEED_CHANNEL)
             # What happened before the subscription stood must be looked for.

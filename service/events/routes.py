@@ -91,7 +91,7 @@ async def _follow(state: State, job_id: str, last: str) -> AsyncIterator[str]:
 
 
 def _snapshot(job: Job) -> dict[str, Any]:
-    return job_out(job, None).model_dump(mode="json")
+    return job_out(job).model_dump(mode="json")
 
 
 def _written(event: Event) -> str:

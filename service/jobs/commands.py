@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 from redis import Redis
@@ -15,11 +15,11 @@ from redis import Redis
 from mpf_core.extraction_options import extraction_from, extraction_to_mapping
 from mpf_core.options import options_from, options_to_mapping
 from service.access.caller import Caller
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts, StoreUnavailable
 from service.jobs.index_store import Place
 from service.jobs.lease import Refused
 from service.jobs.model import EXTRACTION, Job, JobState, new_job_id
-from service.jobs.queue import JobQueue
+from service.jobs.queue import JobQueue, queue_for
 from service.jobs.store import Creation, JobStore, created
 from service.problems import Problem
 from service.settings import Settings
@@ -56,7 +56,7 @@ class JobCommands:
         redis: Redis,
         store: JobStore,
         queue: JobQueue,
-        artifacts: ArtifactStore,
+        artifacts: Artifacts,
         settings: Settings,
     ):
         self._redis = redis
@@ -72,8 +72,8 @@ class JobCommands:
         return visible(self._store.get(job_id), caller, job_id)
 
     def position(self, job: Job) -> int | None:
-        """Jobs before this one in the queue."""
-        return self._store.position(job.id) if job.state is JobState.QUEUED else None
+        """Jobs before this one in its queue."""
+        return self._store.position(job) if job.state is JobState.QUEUED else None
 
     def page(self, caller: Caller, wanted: Filter, after: Place | None, size: int) -> Page:
         """The caller's jobs behind `after`, newest first."""
@@ -104,20 +104,12 @@ class JobCommands:
             raise Problem("artifact.not_found", f"job {job_id} has no {name}")
         return job
 
-    def input_of(self, caller: Caller, job_id: str) -> tuple[Job, Path]:
-        """The job and the file that it works on; raises Problem if it is gone."""
-        job = self.get(caller, job_id)
-        try:
-            return job, self._artifacts.input(job.id)
-        except FileNotFoundError as error:
-            raise Problem("artifact.not_found", f"job {job_id} has lost its input") from error
-
     def preview_of(self, caller: Caller, job_id: str) -> bytes:
         """The latest mesh of the unfinished fit; raises Problem if there is none."""
         job = self.get(caller, job_id)
         try:
             if job.shown is not None:
-                return self._artifacts.preview(job.id, job.shown.attempt).read_bytes()
+                return self._artifacts.read_preview(job.id, job.shown.attempt)
         except FileNotFoundError:
             pass  # the attempt has ended since
         if job.ended:
@@ -142,7 +134,8 @@ class JobCommands:
         else:
             if changed.state is JobState.CANCELLED:
                 self._queue.withdraw(job_id, changed.attempt)
-                self._artifacts.forget_checkpoints(job_id)
+                with suppress(StoreUnavailable):  # they go with the job
+                    self._artifacts.forget_checkpoints(job_id)
         return self.get(caller, job_id)
 
     def delete(self, caller: Caller, job_id: str) -> None:
@@ -152,7 +145,8 @@ class JobCommands:
             raise not_found(job_id)
         self._store.remove(job)
         self._queue.withdraw(job.id, job.attempt)
-        self._artifacts.remove(job.id)
+        with suppress(StoreUnavailable):  # files without a record are removed later, by age
+            self._artifacts.remove(job.id)
 
     def retry(
         self,
@@ -206,6 +200,8 @@ class JobCommands:
         The input must be in the store. Answers the job that was accepted before if this very
         request was.
         """
+        queue = queue_for(job.kind, job.options, job.input, self._settings)
+        job = replace(job, queue=queue)
         creation = Creation(
             self._settings.queue_length, self._settings.jobs_per_owner, idempotency_key, digest
         )
@@ -213,12 +209,13 @@ class JobCommands:
             with self._redis.pipeline(transaction=True) as pipeline:
                 pipeline.multi()
                 self._store.create(job, creation, pipeline)
-                self._queue.enqueue(job.id, job.attempt, pipeline)
+                self._queue.enqueue(job, job.attempt, pipeline)
                 replies = pipeline.execute()
             created(replies[0])
         except Refused as refusal:
             self._queue.withdraw(job.id, job.attempt)
-            self._artifacts.remove(job.id)
+            with suppress(StoreUnavailable):
+                self._artifacts.remove(job.id)
             return self._refused(job, refusal)
         # Not on other errors: Redis may have taken the job before the answer was lost. Files
         # without a record are removed later, by age.

@@ -7,7 +7,7 @@ from typing import Any
 
 from mpf_core.extraction_options import extraction_from, extraction_to_mapping, inherited
 from service.access.caller import Caller
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts
 from service.jobs.commands import JobCommands, digest_of, not_found
 from service.jobs.model import EXTRACTION, Input, Job, JobState, new_job_id
 
@@ -16,7 +16,7 @@ FIELD = "field.safetensors"
 
 def extract(
     jobs: JobCommands,
-    artifacts: ArtifactStore,
+    artifacts: Artifacts,
     caller: Caller,
     job_id: str,
     changes: Mapping[str, Any],

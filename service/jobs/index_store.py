@@ -9,6 +9,7 @@ from typing import Any
 from redis import Redis
 
 from service.jobs.model import Job, JobState, job_from_record
+from service.settings import QUEUES
 
 INDEX_PREFIX = "mpf:jobs:in:"
 ENDED_INDEX = INDEX_PREFIX + "ended"
@@ -22,6 +23,14 @@ COUNTS_KEY = "mpf:counts"
 def record_key(job_id: str) -> str:
     """The hash that holds a job's record."""
     return f"mpf:job:{job_id}"
+
+
+QUEUE_PREFIX = "mpf:jobs:waiting:"
+
+
+def queue_key(queue: str) -> str:
+    """The queued jobs of one queue, by the time at which they came."""
+    return QUEUE_PREFIX + queue
 
 
 def owner_key(owner: str) -> str:
@@ -81,14 +90,19 @@ class JobIndex:
         """How many jobs are in `state`."""
         return int(self._redis.zcard(INDEX_PREFIX + state))
 
-    def position(self, job_id: str) -> int | None:
-        """How many queued jobs are before this one, or None if it is not queued."""
-        rank: Any = self._redis.zrank(INDEX_PREFIX + JobState.QUEUED, job_id)
+    def position(self, job: Job) -> int | None:
+        """How many jobs are before this one in its queue, or None if it is not queued."""
+        rank: Any = self._redis.zrank(queue_key(job.queue), job.id)
         return None if rank is None else int(rank)
 
-    def oldest_queued_seconds(self) -> float:
-        """For how long the first job of the queue has waited."""
-        first: Any = self._redis.zrange(INDEX_PREFIX + JobState.QUEUED, 0, 0, withscores=True)
+    def waiting(self, queue: str) -> int:
+        """How many jobs wait in this queue."""
+        return int(self._redis.zcard(queue_key(queue)))
+
+    def oldest_queued_seconds(self, queue: str | None = None) -> float:
+        """For how long the first job of the queue, or of all queues, has waited."""
+        key = INDEX_PREFIX + JobState.QUEUED if queue is None else queue_key(queue)
+        first: Any = self._redis.zrange(key, 0, 0, withscores=True)
         return max(0.0, self.now() - float(first[0][1]) / 1000) if first else 0.0
 
     def due(self, most: int) -> list[str]:
@@ -149,18 +163,22 @@ class JobIndex:
 
 
 Looked = tuple[Job | None, int | None]
-"""A job, and how many queued jobs are before it (None unless it is queued itself)."""
+"""A job, and how many jobs are before it in its queue (None unless it is queued itself)."""
+
+QUESTIONS = 1 + len(QUEUES)
 
 
 def ask(pipeline: Any, job_id: str) -> None:
-    """Put the two questions of `looked` into a pipeline, of either kind of client."""
+    """Put the QUESTIONS of `looked` into a pipeline, of either kind of client."""
     pipeline.hgetall(record_key(job_id))
-    pipeline.zrank(INDEX_PREFIX + JobState.QUEUED, job_id)
+    for queue in QUEUES:  # its queue stands in the record, which is on its way
+        pipeline.zrank(queue_key(queue), job_id)
 
 
-def looked(record: Any, rank: Any) -> Looked:
+def looked(record: Any, *ranks: Any) -> Looked:
     """What the answers to `ask` say."""
-    return (_job(record) if record else None), (None if rank is None else int(rank))
+    found = [int(rank) for rank in ranks if rank is not None]
+    return (_job(record) if record else None), (found[0] if found else None)
 
 
 def _job(record: Any) -> Job:

@@ -111,6 +111,8 @@ class Job:
     kind: str = FIT
     """FIT or EXTRACTION: what its worker does."""
     parent: str = ""
+    queue: str = ""
+    """Where it waits, by the weight of its work."""
     owner: str = ""
     """Whose it is: the id of an API key, or "" where none is needed."""
     label: str = ""

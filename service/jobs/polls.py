@@ -11,11 +11,9 @@ import asyncio
 from contextlib import suppress
 
 from redis.asyncio import Redis
-from redis.asyncio.retry import Retry
-from redis.backoff import ExponentialBackoff
 
-from service.connection import UNREACHABLE
-from service.jobs.index_store import Looked, ask, looked
+from service.connection import connect_async
+from service.jobs.index_store import QUESTIONS, Looked, ask, looked
 from service.settings import Settings
 
 
@@ -23,7 +21,7 @@ class Polls:
     """For one event loop; connects when it is first asked."""
 
     def __init__(self, settings: Settings):
-        self._url = settings.redis_url
+        self._settings = settings
         self._redis: Redis | None = None
         self._asked: dict[str, asyncio.Future[Looked]] = {}
         self._task: asyncio.Task[None] | None = None
@@ -62,17 +60,10 @@ class Polls:
 
     async def _ask(self, job_ids: list[str]) -> dict[str, Looked]:
         if self._redis is None:
-            self._redis = Redis.from_url(
-                self._url,
-                socket_connect_timeout=2.0,
-                socket_timeout=5.0,
-                health_check_interval=15,
-                retry=Retry(ExponentialBackoff(cap=0.2, base=0.02), retries=2),
-                retry_on_error=list(UNREACHABLE),
-            )
+            self._redis = connect_async(self._settings)
         async with self._redis.pipeline(transaction=False) as pipeline:
             for job_id in job_ids:
                 ask(pipeline, job_id)
             replies = await pipeline.execute()
-        pairs = zip(replies[::2], replies[1::2], strict=True)
-        return {job_id: looked(*pair) for job_id, pair in zip(job_ids, pairs, strict=True)}
+        answers = (replies[at : at + QUESTIONS] for at in range(0, len(replies), QUESTIONS))
+        return {job_id: looked(*told) for job_id, told in zip(job_ids, answers, strict=True)}

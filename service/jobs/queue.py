@@ -1,10 +1,14 @@
 """RQ as transport: it carries job ids to workers and may forget them; the record decides.
 
-The entry's id is `jobid-attempt`; its only argument is the job's id, in JSON (RQ's default, pickle,
-would let whoever writes to Redis run code).
+There is a queue for each weight of work, so that what takes seconds never waits behind what takes
+hours. The entry's id is `jobid-attempt`; its only argument is the job's id, in JSON (RQ's default,
+pickle, would let whoever writes to Redis run code).
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 from redis import Redis
 from redis.client import Pipeline
@@ -13,10 +17,34 @@ from rq.exceptions import NoSuchJobError
 from rq.job import Job as Entry
 from rq.serializers import JSONSerializer
 
-QUEUE_NAME = "mpf"
+from service.jobs.model import EXTRACTION, Input, Job
+from service.settings import EXTRACT as EXTRACT_QUEUE
+from service.settings import FIT_LARGE, FIT_SMALL, QUEUES, Settings
+
 TASK = "worker.tasks.run"
 # RQ's own notes about an ended entry are of no use to us; it may drop them soon.
 ENDED_ENTRY_SECONDS = 60
+
+
+def rq_name(queue: str) -> str:
+    """What RQ calls one of our queues."""
+    return f"mpf-{queue}"
+
+
+def queue_for(
+    kind: str, options: Mapping[str, Any], given: Input | None, settings: Settings
+) -> str:
+    """The queue of a job: by its kind, by the points that its fit evaluates, by its cloud.
+
+    Options that are not named count as nothing, an uncounted cloud as a small one.
+    """
+    if kind == EXTRACTION:
+        return EXTRACT_QUEUE
+    step = sum(int(options.get(f"{place}_points") or 0) for place in ("surface", "near", "far"))
+    evaluations = step * int(options.get("max_iterations") or 0)
+    points = given.points or 0 if given is not None else 0
+    large = evaluations > settings.large_fit_evaluations or points > settings.large_fit_points
+    return FIT_LARGE if large else FIT_SMALL
 
 
 def entry_id(job_id: str, attempt: int) -> str:
@@ -31,29 +59,34 @@ def attempt_of(entry: str) -> tuple[str, int]:
 
 
 class JobQueue:
-    """The one queue, in order of arrival."""
+    """The queues, each in order of arrival."""
 
     def __init__(self, redis: Redis, *, job_seconds: float):
         self._redis = redis
         self._job_seconds = job_seconds
-        self._queue = Queue(QUEUE_NAME, connection=redis, serializer=JSONSerializer)
+        self._queues: dict[str, Queue] = {
+            name: Queue(rq_name(name), connection=redis, serializer=JSONSerializer)
+            for name in QUEUES
+        }
 
-    def enqueue(self, job_id: str, attempt: int, pipeline: Pipeline | None = None) -> None:
+    def enqueue(self, job: Job, attempt: int, pipeline: Pipeline | None = None) -> None:
         """Let a worker know of this attempt; within `pipeline`, when that is executed."""
-        self._queue.enqueue_call(
+        # A record of earlier software names no queue.
+        queue = self._queues.get(job.queue) or self._queues[FIT_SMALL]
+        queue.enqueue_call(
             TASK,
-            args=(job_id,),
-            job_id=entry_id(job_id, attempt),
+            args=(job.id,),
+            job_id=entry_id(job.id, attempt),
             timeout=int(self._job_seconds),
             result_ttl=ENDED_ENTRY_SECONDS,
             failure_ttl=ENDED_ENTRY_SECONDS,
-            description=entry_id(job_id, attempt),
+            description=entry_id(job.id, attempt),
             pipeline=pipeline,
         )
 
     def waiting(self) -> set[str]:
         """Ids of the entries that no worker has taken."""
-        return set(self._queue.get_job_ids())
+        return {entry for queue in self._queues.values() for entry in queue.get_job_ids()}
 
     def withdraw(self, job_id: str, attempt: int) -> None:
         """Take the entry out again, if it is still there."""
@@ -63,5 +96,6 @@ class JobQueue:
             )
         except NoSuchJobError:
             return
-        self._queue.remove(entry.id)
+        for queue in self._queues.values():
+            queue.remove(entry.id)
         entry.delete()

@@ -168,7 +168,8 @@ def list_jobs(
     wanted = Filter(frozenset(states or JobState), label)
     after = place_from(cursor) if cursor is not None else None
     page = state.jobs.page(caller, wanted, after, limit)
-    shown = [job_out(job, state.jobs.position(job)) for job in page.jobs]
+    state.estimates.refresh()
+    shown = [_shown(state, job, state.jobs.position(job)) for job in page.jobs]
     return JobListOut(jobs=shown, next=cursor_from(page.next))
 
 
@@ -188,7 +189,9 @@ async def show(
         job, position = await _next_state(state, caller, job, wait)
     if not job.ended:
         response.headers["Retry-After"] = POLL_SECONDS
-    return job_out(job, position)
+    if job.state is JobState.QUEUED and state.estimates.stale():
+        await to_thread.run_sync(state.estimates.refresh)
+    return _shown(state, job, position)
 
 
 @router.delete("/jobs/{job_id}", status_code=204, responses=problems("job.not_found"))
@@ -262,4 +265,9 @@ def accepted(state: State, job: Job, response: Response) -> JobOut:
     """The job as the answer to whoever made or changed it, with where to look for it."""
     response.headers["Location"] = f"/jobs/{job.id}"
     response.headers["Retry-After"] = POLL_SECONDS
-    return job_out(job, state.jobs.position(job))
+    state.estimates.refresh()
+    return _shown(state, job, state.jobs.position(job))
+
+
+def _shown(state: State, job: Job, position: int | None) -> JobOut:
+    return job_out(job, position, state.estimates.eta(job, position))

@@ -86,7 +86,13 @@ class JobOut(BaseModel):
     state: JobState
     attempt: int = Field(description="Grows when the job is handed back or its worker is lost.")
     cancelling: bool = Field(description="It was asked to stop and has not stopped yet.")
-    queue_position: int | None = Field(description="Jobs before this one; None unless queued.")
+    queue: str = Field(description="Where it waits, by its weight: extract, fit-small, fit-large.")
+    queue_position: int | None = Field(
+        description="Jobs before this one in its queue; None unless queued."
+    )
+    eta: float | None = Field(
+        description="Seconds until it is done, by how long jobs took lately; None: not known."
+    )
     progress: ProgressOut | None
     options: dict[str, Any]
     input: InputOut | None
@@ -104,7 +110,7 @@ class JobOut(BaseModel):
     links: dict[str, str]
 
 
-def job_out(job: Job, position: int | None) -> JobOut:
+def job_out(job: Job, position: int | None = None, eta: float | None = None) -> JobOut:
     """The record as its owner sees it."""
     return JobOut(
         id=job.id,
@@ -114,7 +120,9 @@ def job_out(job: Job, position: int | None) -> JobOut:
         state=job.state,
         attempt=job.attempt,
         cancelling=bool(job.cancel) and not job.ended,
+        queue=job.queue,
         queue_position=position,
+        eta=None if eta is None else round(eta, 1),
         progress=_progress_out(job.progress),
         options=dict(job.options),
         input=_input_out(job.input),

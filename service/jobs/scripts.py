@@ -6,12 +6,13 @@ write the fields, move the id between the per-state indexes, append an event, wa
 
 from __future__ import annotations
 
-# KEYS[3] owner's index, KEYS[4] the owner's idempotency key ("": none), KEYS[5] owner's live jobs
+# KEYS[3] owner's index, KEYS[4] the owner's idempotency key, KEYS[5] owner's live jobs
 # ARGV: id, fields (JSON object), index prefix, feed channel, events kept, queue cap (0: none),
-#       retention ms, digest of the request, idempotency ms, live jobs of an owner (0: no cap)
+#       retention ms, digest of the request ("": it has no idempotency key), idempotency ms,
+#       live jobs of an owner (0: no cap), key of the queue that it waits in
 CREATE = """
 if redis.call('EXISTS', KEYS[1]) == 1 then return {'exists'} end
-if KEYS[4] ~= '' then
+if ARGV[8] ~= '' then
   local before = redis.call('HMGET', KEYS[4], 'digest', 'job')
   if before[1] then
     if before[1] == ARGV[8] then return {'repeated', before[2]} end
@@ -29,11 +30,12 @@ for name, value in pairs(cjson.decode(ARGV[2])) do redis.call('HSET', KEYS[1], n
 redis.call('HSET', KEYS[1], 'created_at', now, 'updated_at', now, 'queued_at', now,
            'expires_at', string.format('%d', ms + tonumber(ARGV[7])))
 redis.call('ZADD', ARGV[3] .. 'queued', now, ARGV[1])
+redis.call('ZADD', ARGV[11], now, ARGV[1])
 redis.call('ZADD', KEYS[3], now, ARGV[1])
 redis.call('ZADD', KEYS[5], now, ARGV[1])
 redis.call('XADD', KEYS[2], 'MAXLEN', '~', ARGV[5], '*', 'event', 'state', 'data',
            '{"state": "queued"}')
-if KEYS[4] ~= '' then
+if ARGV[8] ~= '' then
   redis.call('HSET', KEYS[4], 'digest', ARGV[8], 'job', ARGV[1])
   redis.call('PEXPIRE', KEYS[4], ARGV[9])
 end
@@ -45,7 +47,8 @@ return {'ok', ARGV[1]}
 #       fields (JSON), stamp field ("": none), 1 if the attempt number grows, event name ("": none),
 #       event data, index prefix, feed channel, events kept, retention ms (0: not an end),
 #       prefix of the owners' live jobs, key of the counts, key of webhooks that are due,
-#       prefix of the owners' running jobs, cap on these (0: none), key of the parked jobs
+#       prefix of the owners' running jobs, cap on these (0: none), key of the parked jobs,
+#       prefix of the queues
 CHANGE = """
 local state = redis.call('HGET', KEYS[1], 'state')
 if not state then return {'missing'} end
@@ -71,6 +74,9 @@ if ARGV[4] ~= '' and ARGV[4] ~= state then
   redis.call('ZREM', ARGV[10] .. state, ARGV[1])
   redis.call('ZADD', ARGV[10] .. ARGV[4], now, ARGV[1])
   redis.call(ARGV[4] == 'running' and 'SADD' or 'SREM', running, ARGV[1])
+  local queue = ARGV[20] .. (redis.call('HGET', KEYS[1], 'queue') or '')
+  redis.call('ZREM', queue, ARGV[1])
+  if ARGV[4] == 'queued' then redis.call('ZADD', queue, now, ARGV[1]) end
   state = ARGV[4]
 end
 if ARGV[13] ~= '0' then
@@ -106,7 +112,7 @@ return {'ok', redis.call('HGET', KEYS[1], 'cancel') or ''}
 """
 
 # KEYS[3] owner's index, KEYS[4] owner's live jobs, KEYS[5] log of webhooks,
-# KEYS[6] owner's running jobs, KEYS[7] parked jobs
+# KEYS[6] owner's running jobs, KEYS[7] parked jobs, KEYS[8] the queue that it waits in
 # ARGV: id, index prefix, feed channel
 REMOVE = """
 if redis.call('EXISTS', KEYS[1]) == 0 then return {'missing'} end
@@ -116,6 +122,7 @@ redis.call('ZREM', KEYS[3], ARGV[1])
 redis.call('ZREM', KEYS[4], ARGV[1])
 redis.call('SREM', KEYS[6], ARGV[1])
 redis.call('SREM', KEYS[7], ARGV[1])
+redis.call('ZREM', KEYS[8], ARGV[1])
 redis.call('DEL', KEYS[1], KEYS[2], KEYS[5])
 redis.call('PUBLISH', ARGV[3], ARGV[1] .. ' removed')
 return {'ok'}

@@ -20,11 +20,13 @@ from service.jobs.index_store import (
     INDEX_PREFIX,
     LIVE_PREFIX,
     PARKED_KEY,
+    QUEUE_PREFIX,
     RUNNING_PREFIX,
     JobIndex,
     idempotency_key,
     live_key,
     owner_key,
+    queue_key,
     record_key,
     running_key,
     text_of,
@@ -87,20 +89,21 @@ class JobStore(JobIndex):
     def create(self, job: Job, creation: Creation, pipeline: Pipeline) -> None:
         """Write a new `queued` record within `pipeline`; `created` reads the answer."""
         given = {"id": job.id, "state": job.state, "attempt": job.attempt, "kind": job.kind,
-                 "parent": job.parent, "owner": job.owner, "label": job.label,
+                 "parent": job.parent, "queue": job.queue, "owner": job.owner, "label": job.label,
                  "options": dict(job.options), "result_attempt": 0, "beats": 0}  # fmt: skip
         if job.input is not None:
             given["input"] = asdict(job.input)
         if job.webhook:
             given["webhook"] = dict(job.webhook)
         name = creation.idempotency_key
-        remembered = idempotency_key(job.owner, name) if name else ""
+        digest = creation.digest if name else ""
         self._create(
-            keys=[record_key(job.id), stream_key(job.id), owner_key(job.owner), remembered,
+            keys=[record_key(job.id), stream_key(job.id), owner_key(job.owner),
+                  idempotency_key(job.owner, name),
                   live_key(job.owner)],
             args=[job.id, _fields(given), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT,
-                  creation.queue_cap, self._retention_ms, creation.digest,
-                  IDEMPOTENCY_SECONDS * 1000, creation.owner_cap],
+                  creation.queue_cap, self._retention_ms, digest,
+                  IDEMPOTENCY_SECONDS * 1000, creation.owner_cap, queue_key(job.queue)],
             client=pipeline,
         )  # fmt: skip
 
@@ -226,6 +229,7 @@ class JobStore(JobIndex):
                 log_key(job.id),
                 running_key(job.owner),
                 PARKED_KEY,
+                queue_key(job.queue),
             ],
             args=[job.id, INDEX_PREFIX, FEED_CHANNEL],
         )
@@ -271,6 +275,7 @@ class JobStore(JobIndex):
             RUNNING_PREFIX,
             most,
             PARKED_KEY,
+            QUEUE_PREFIX,
         ]  # fmt: skip
         reply = self._change(keys=[record_key(job_id), stream_key(job_id)], args=args)
         verdict, *rest = [text_of(part) for part in reply]

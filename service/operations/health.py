@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from redis import Redis
 
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts
 from service.connection import RedisError
 from service.operations.store import WorkerRegister
 
@@ -24,7 +24,7 @@ class Readiness:
 class Health:
     """Looks at what the service depends on."""
 
-    def __init__(self, redis: Redis, artifacts: ArtifactStore):
+    def __init__(self, redis: Redis, artifacts: Artifacts):
         self._redis = redis
         self._artifacts = artifacts
         self._workers = WorkerRegister(redis)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts
 from service.jobs.model import Job, JobState
 from service.jobs.store import JobStore
 from service.operations.store import WorkerRegister
+from service.settings import QUEUES
 
 MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
@@ -15,7 +16,7 @@ MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 class Metrics:
     """Text in Prometheus' exposition format."""
 
-    def __init__(self, store: JobStore, workers: WorkerRegister, artifacts: ArtifactStore):
+    def __init__(self, store: JobStore, workers: WorkerRegister, artifacts: Artifacts):
         self._store = store
         self._workers = workers
         self._artifacts = artifacts
@@ -32,6 +33,14 @@ class Metrics:
         yield from _single(
             "mpf_queue_oldest_seconds", "gauge", "Wait of the first queued job, s.", oldest
         )
+        yield from _family("mpf_queue_jobs", "gauge", "Jobs that wait, by queue.")
+        for queue in QUEUES:
+            yield f'mpf_queue_jobs{{queue="{queue}"}} {self._store.waiting(queue)}'
+        workers = self._workers.entries()
+        yield from _family("mpf_queue_workers", "gauge", "Workers that take from each queue.")
+        for queue in QUEUES:
+            number = sum(queue in worker.queues for worker in workers)
+            yield f'mpf_queue_workers{{queue="{queue}"}} {number}'
         yield from _single(
             "mpf_workers", "gauge", "Workers that signed lately.", self._workers.alive()
         )

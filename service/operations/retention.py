@@ -7,13 +7,15 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts, StoreUnavailable
+from service.connection import connect
 from service.jobs.lease import Refused
 from service.jobs.model import JobState
 from service.jobs.store import JobStore
+from service.operations.store import Turns
 from service.problems import Problem
 from service.settings import Settings
-from service.uploads.resumable import ResumableStore
+from service.uploads.opened import uploads_of
 
 log = logging.getLogger("mpf.retention")
 
@@ -56,7 +58,7 @@ class Retention:
     def __init__(
         self,
         store: JobStore,
-        artifacts: ArtifactStore,
+        artifacts: Artifacts,
         settings: Settings,
         *,
         wall: Clock = time.time,
@@ -65,7 +67,9 @@ class Retention:
         self._store = store
         self._artifacts = artifacts
         self._settings = settings
-        self._resumable = ResumableStore(settings.data_dir, settings)
+        redis = connect(settings)
+        self._resumable = uploads_of(settings, redis)
+        self._turns = Turns(redis)
         self._wall = wall
         # The ages of records are by the clock of Redis, which runs where the jobs were stamped.
         # Those of files are by ours; either may jump.
@@ -95,7 +99,8 @@ class Retention:
         problem = Problem("job.expired", f"the job's files were removed: {why}")
         with suppress(Refused):
             self._store.expire(job_id, problem.as_dict())
-            self._artifacts.remove(job_id)
+            with suppress(StoreUnavailable):  # they go with the tombstone, as files of nobody
+                self._artifacts.remove(job_id)
             log.info("job %s: expired, %s", job_id, why)
 
     def _remove_tombstones(self) -> None:
@@ -107,16 +112,17 @@ class Retention:
             self._store.remove(job)
 
     def _remove_orphans(self) -> None:
+        for name in self._artifacts.remove_leftovers(self._wall() - self._settings.orphan_seconds):
+            log.info("%s: left over on this machine, removed", name)
+        if not self._turns.take("orphans", self._artifacts.look_seconds):
+            return
         for upload_id in self._resumable.remove_lapsed(self._wall()):
             log.info("upload %s: nothing more came, removed", upload_id)
-        for path in self._artifacts.uploads():
-            with suppress(FileNotFoundError):
-                if self._wall() - path.stat().st_mtime > self._settings.orphan_seconds:
-                    path.unlink()
-                    log.info("upload %s: left over, removed", path.name)
         for job_id in list(self._artifacts.job_ids()):
+            if self._store.get(job_id) is not None:
+                continue
             with suppress(FileNotFoundError):
-                age = self._artifacts.folder_age(job_id, self._wall())
+                age = self._artifacts.age(job_id, self._wall())
                 if age > self._settings.orphan_seconds and self._store.get(job_id) is None:
                     self._artifacts.remove(job_id)
                     log.info("job %s: no such job, its files are removed", job_id)

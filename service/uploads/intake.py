@@ -7,13 +7,13 @@ import json
 
 from mpf_core.options import options_from, options_to_mapping
 from service.access.caller import Caller
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts
 from service.jobs.commands import JobCommands
 from service.jobs.model import Input, Job, JobState, new_job_id
 from service.settings import Settings
 from service.uploads.check import check_content
+from service.uploads.incoming import Resumable
 from service.uploads.receive import Reference, Submission
-from service.uploads.resumable import ResumableStore
 from service.webhooks.wish import wish_from
 
 
@@ -23,8 +23,8 @@ class Intake:
     def __init__(
         self,
         commands: JobCommands,
-        artifacts: ArtifactStore,
-        resumable: ResumableStore,
+        artifacts: Artifacts,
+        resumable: Resumable,
         settings: Settings,
     ):
         self._commands = commands

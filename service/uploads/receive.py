@@ -13,7 +13,7 @@ from starlette.requests import Request
 
 from mpf_core.cloud.limits import Limits
 from mpf_core.errors import OptionsError
-from service.artifacts.store import ArtifactStore
+from service.artifacts.base import Artifacts
 from service.problems import Problem
 from service.settings import Settings
 from service.uploads.multipart import PartBegins, PartData, form_events
@@ -110,7 +110,7 @@ def parse_options(text: str) -> dict[str, Any]:
 class Receiver:
     """Takes uploads in."""
 
-    def __init__(self, store: ArtifactStore, settings: Settings):
+    def __init__(self, store: Artifacts, settings: Settings):
         self._store = store
         self._max_bytes = settings.upload_bytes
         self._limits = Limits(max_bytes=settings.upload_bytes, max_points=settings.max_points)

@@ -14,12 +14,11 @@ import fcntl
 import hashlib
 import json
 import os
-import re
 import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import IO
 
@@ -29,24 +28,24 @@ from mpf_core.files import write_atomically
 from service.problems import Problem
 from service.settings import Settings
 from service.uploads.header import HEADER_BYTES, peek
+from service.uploads.incoming import (
+    UPLOAD_ID,
+    Checksum,
+    Resumable,
+    Upload,
+    Writer,
+    elsewhere,
+    incomplete,
+    locked,
+    not_found,
+    too_many,
+    wrong_checksum,
+)
 from service.uploads.sink import Stored
 
-_ID = re.compile(r"[0-9a-f]{32}")
 
-
-@dataclass(frozen=True)
-class Upload:
-    """One upload on its way in; `metadata` as the client wrote it, `name` that of its file."""
-
-    id: str
-    owner: str
-    length: int
-    name: str
-    metadata: str
-
-
-class ResumableStore:
-    """The uploads below one folder. Another's upload is as good as none."""
+class ResumableStore(Resumable):
+    """The uploads below one folder."""
 
     def __init__(self, root: Path, settings: Settings):
         self._root = root / "resumable"
@@ -74,7 +73,7 @@ class ResumableStore:
     def get(self, owner: str, upload_id: str) -> Upload:
         """The upload; raises Problem if this owner has none of that id."""
         try:
-            if not _ID.fullmatch(upload_id):
+            if not UPLOAD_ID.fullmatch(upload_id):
                 raise FileNotFoundError(upload_id)
             about = json.loads((self._root / upload_id / "about.json").read_bytes())
         except FileNotFoundError as error:
@@ -101,16 +100,11 @@ class ResumableStore:
         try:
             fcntl.flock(data, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if (size := data.seek(0, 2)) != offset:
-                raise Problem(
-                    "upload.offset", f"the upload has {size} bytes, not {offset}",
-                    where="Upload-Offset", advice="Ask by HEAD where it ends.",
-                )  # fmt: skip
-            return Writer(upload, data, folder / "piece", checksum)
+                raise elsewhere(size, offset)
+            return FileWriter(upload, data, folder / "piece", checksum)
         except BlockingIOError as error:
             data.close()
-            raise Problem(
-                "upload.locked", "another request is writing to this upload", retry_after=1
-            ) from error
+            raise locked() from error
         except BaseException:
             data.close()
             raise
@@ -141,10 +135,7 @@ class ResumableStore:
                 head = file.read(HEADER_BYTES)
                 size = file.seek(0, 2)
                 if size != upload.length:
-                    raise Problem(
-                        "upload.incomplete", f"{size} of {upload.length} bytes have arrived",
-                        where="upload", advice="Send the rest first.",
-                    )  # fmt: skip
+                    raise incomplete(size, upload.length)
                 header = peek(head, self._limits, size=size)
                 file.seek(0)
                 digest = hashlib.file_digest(file, "sha256").hexdigest()
@@ -177,15 +168,7 @@ class ResumableStore:
             raise not_found(upload.id) from error
 
 
-@dataclass(frozen=True)
-class Checksum:
-    """algorithm: a name that hashlib knows; digest: what the piece must come to."""
-
-    algorithm: str
-    digest: bytes
-
-
-class Writer:
+class FileWriter(Writer):
     """Takes one piece. Without a checksum each byte counts as soon as it is written."""
 
     def __init__(self, upload: Upload, data: IO[bytes], piece: Path, checksum: Checksum | None):
@@ -199,7 +182,7 @@ class Writer:
         """The next bytes; raises Problem if they are more than were announced."""
         self._room -= len(chunk)
         if self._room < 0:
-            raise Problem("request.too_large", "there are more bytes than Upload-Length announced")
+            raise too_many()
         _write_all(self._target, chunk)
 
     def finish(self) -> int:
@@ -208,10 +191,7 @@ class Writer:
             self._target.seek(0)
             found = hashlib.file_digest(self._target, self._checksum.algorithm)  # type: ignore[arg-type]
             if found.digest() != self._checksum.digest:
-                raise Problem(
-                    "upload.checksum", "the piece is not what its checksum says",
-                    where="Upload-Checksum", advice="Send it again.",
-                )  # fmt: skip
+                raise wrong_checksum()
             self._target.seek(0)
             while chunk := self._target.read(2**20):
                 _write_all(self._data, chunk)
@@ -230,8 +210,3 @@ def _write_all(file: IO[bytes], data: bytes) -> None:
     left = memoryview(data)
     while left:
         left = left[file.write(left) :]
-
-
-def not_found(upload_id: str) -> Problem:
-    """The problem of an upload that is nobody's, or another's, or has lapsed."""
-    return Problem("upload.not_found", f"there is no upload {upload_id[:64]}")

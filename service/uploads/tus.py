@@ -19,7 +19,7 @@ from service.access.dependency import CallerDep
 from service.problems import Problem
 from service.responses import problems
 from service.state import State, StateDep
-from service.uploads.resumable import Checksum, Upload, Writer
+from service.uploads.incoming import Checksum, Upload, Writer, too_many
 from service.uploads.sink import too_large
 
 router = APIRouter(tags=["uploads"], prefix="/uploads")
@@ -163,7 +163,7 @@ async def append(
     upload = await to_thread.run_sync(state.resumable.get, caller.owner, upload_id)
     announced = request.headers.get("content-length", "0")
     if announced.isdigit() and upload_offset + int(announced) > upload.length:
-        raise Problem("request.too_large", "there are more bytes than Upload-Length announced")
+        raise too_many()
     writer = await to_thread.run_sync(state.resumable.begin, upload, upload_offset, checksum)
     try:
         await _take(writer, request.stream())

@@ -21,7 +21,7 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = [
     "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
+    "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP mpf.test 127.0.0.1",
 ]  # fmt: skip
 AXE = REPOSITORY / "service" / "web" / "node_modules" / "axe-core" / "axe.min.js"
 

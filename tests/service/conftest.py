@@ -1,3 +1,4 @@
+from tests.objects import moto, place, rclone
 from tests.services import own_server, redis, settings, shared_server
 
-__all__ = ["own_server", "redis", "settings", "shared_server"]
+__all__ = ["moto", "own_server", "place", "rclone", "redis", "settings", "shared_server"]

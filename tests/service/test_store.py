@@ -13,6 +13,7 @@ from service.jobs.lease import Lease, Refused
 from service.jobs.model import TRANSITIONS, Job, JobProgress, JobState, new_job_id
 from service.jobs.queue import JobQueue, entry_id
 from service.jobs.store import Creation, JobStore
+from service.operations.store import Turns, WorkerRegister
 from service.settings import Settings
 from worker.reaper import LOST_ENTRY_SECONDS, Reaper
 
@@ -109,7 +110,9 @@ def test_a_queued_job_that_the_queue_forgot_is_enqueued_again(
     queue = JobQueue(redis, job_seconds=10)
     now = [0.0]
     artifacts = ArtifactStore(settings.data_dir)
-    reaper = Reaper(store, queue, artifacts, settings, clock=lambda: now[0])
+    reaper = Reaper(
+        store, queue, artifacts, settings, WorkerRegister(redis), Turns(redis), lambda: now[0]
+    )
     for passed in (0.0, LOST_ENTRY_SECONDS):
         now[0] = passed
         reaper.look()

@@ -66,9 +66,12 @@ export const unshare = (id: string, share_id: string) =>
 
 export const shared = (token: string) => ok(api.GET('/shared/{token}', { params: { path: { token } } }));
 
+// The file itself, not a link to an object store: the page's policy admits no other origin.
+const HERE = { prefer: 'return=representation' };
+
 /** A file of a job; rejects with Refusal. */
 export async function file(href: string, signal?: AbortSignal): Promise<Response> {
-  const response = await request(href, signal ? { signal } : {});
+  const response = await request(href, { headers: HERE, ...(signal && { signal }) });
   if (!response.ok) throw await refusalOf(response);
   return response;
 }

@@ -1,0 +1,105 @@
+"""When a waiting job will be done, by what the workers say of themselves."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+from threading import Lock
+
+from service.jobs.model import Job, JobState
+from service.jobs.store import JobStore
+from service.operations.store import WorkerEntry, WorkerRegister
+from service.settings import QUEUES
+
+LOOK_SECONDS = 3.0
+"""How old the figures may be that answers go by: thousands may ask at the same time."""
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What is waiting and running, and who works.
+
+    waiting: jobs by queue; left: seconds that each running job still takes
+    """
+
+    workers: Sequence[WorkerEntry]
+    waiting: Mapping[str, int]
+    left: Mapping[str, Sequence[float]]
+
+    def pace(self, queue: str) -> float | None:
+        """Seconds that a job of this queue takes, None while no worker has had one."""
+        known = [worker.seconds[queue] for worker in self.workers if queue in worker.seconds]
+        return fmean(known) if known else None
+
+    def seconds_to_end(self, queue: str, position: int) -> float | None:
+        """Until a job is done that has `position` others before it in `queue`; None: who knows.
+
+        Workers of the queue share all that is before it: what runs on them, what waits in queues
+        that go first, and the others of its own. That is an estimate, not a promise: those of
+        queues that go first may still come.
+        """
+        pace = self.pace(queue)
+        workers = [worker for worker in self.workers if queue in worker.queues]
+        if pace is None or not workers:
+            return None
+        queues = {name for worker in workers for name in worker.queues}
+        running = [left for name in queues for left in self.left.get(name, ())]
+        before = position * pace
+        for first in QUEUES[: QUEUES.index(queue)]:
+            if first in queues:
+                before += self.waiting.get(first, 0) * (self.pace(first) or pace)
+        if len(running) + position < len(workers) and before == position * pace:
+            return pace  # one of them is free
+        return (before + sum(running)) / len(workers) + pace
+
+
+class Estimates:
+    """One look at Redis serves everybody for a while. Safe to share between threads."""
+
+    def __init__(
+        self,
+        store: JobStore,
+        register: WorkerRegister,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        self._store = store
+        self._register = register
+        self._clock = clock
+        self._lock = Lock()
+        self._looked_at = float("-inf")
+        self._outlook = Outlook([], {}, {})
+
+    def stale(self) -> bool:
+        """Whether `refresh` would ask Redis."""
+        return self._clock() - self._looked_at > LOOK_SECONDS
+
+    def refresh(self) -> None:
+        """Look again, unless somebody has just done so; raises RedisError."""
+        with self._lock:
+            if not self.stale():
+                return
+            workers = self._register.entries()
+            waiting: dict[str, int] = {queue: self._store.waiting(queue) for queue in QUEUES}
+            seen = Outlook(workers, waiting, {})
+            left: dict[str, list[float]] = {}
+            for job in self._store.running():
+                left.setdefault(job.queue, []).append(_left(job, seen, self._store.now()))
+            self._outlook = Outlook(workers, waiting, left)
+            self._looked_at = self._clock()
+
+    def eta(self, job: Job, position: int | None) -> float | None:
+        """Seconds until the job is done, as far as it can be told without asking again."""
+        if job.state is JobState.RUNNING:
+            return job.progress.eta if job.progress else self._outlook.pace(job.queue)
+        if position is None or job.queue not in QUEUES:
+            return None
+        return self._outlook.seconds_to_end(job.queue, position)
+
+
+def _left(job: Job, seen: Outlook, now: float) -> float:
+    if job.progress is not None and job.progress.eta is not None:
+        return job.progress.eta
+    taken = now - (job.started_at or 0) / 1000 if job.started_at else 0.0
+    return max(0.0, (seen.pace(job.queue) or 0.0) - taken)

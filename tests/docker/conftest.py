@@ -1,0 +1,3 @@
+from tests.services import settings, shared_server
+
+__all__ = ["settings", "shared_server"]
