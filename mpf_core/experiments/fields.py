@@ -113,8 +113,8 @@ def _cuts(fitted: FittedField) -> Image.Image:
     at = float(fitted.similarity.to_normalised(np.zeros((1, 3)))[0, 0])
     for name in NAMES:
         evaluate = field_of(fitted.field, name)
-        picture, _ = cut(evaluate, fitted.similarity, fitted.box, ACROSS, at, field=name)
-        pictures.append(Image.open(io.BytesIO(picture)).convert("RGB"))
+        taken = cut(evaluate, fitted.similarity, fitted.box, ACROSS, at, field=name)
+        pictures.append(Image.open(io.BytesIO(taken.picture)).convert("RGB"))
         captions.append(CAPTIONS[name])
     pairs = (slice(0, 2), slice(2, 4))
     return stacked([side_by_side(pictures[k], captions[k]) for k in pairs])
