@@ -106,6 +106,9 @@ def prepare(root: Path) -> None:
             target = root / path.lstrip("/")
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)
+    for folder in os.environ.get("PIP_FIND_LINKS", "").split():
+        if Path(folder).is_dir():
+            shutil.copytree(folder, root / folder.lstrip("/"))
 
 
 def measure(root: Path) -> dict[str, float]:
@@ -133,8 +136,9 @@ def check(root: Path, code: str) -> None:
     """Run Python as the image's user, who may write nowhere."""
     subprocess.run(
         ["chroot", "--userspec=10001:10001", str(root), "/opt/mpf/bin/python", "-c", code],
-        check=True, env={"PATH": "/opt/mpf/bin", "MPLCONFIGDIR": "/tmp", "HOME": "/data"},
-    )  # fmt: skip
+        check=True,
+        env={"PATH": "/opt/mpf/bin:/usr/sbin:/usr/bin", "MPLCONFIGDIR": "/tmp", "HOME": "/data"},
+    )
 
 
 def main() -> None:
