@@ -9,13 +9,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import BrowserContext, expect
 
+from tests.browser.conftest import watched
 from tests.browser.served import Served, torus
 from tests.browser.test_whole_way import stage
 from tests.objects import ObjectStore
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+
+PLAIN_HTTP = "The Cross-Origin-Opener-Policy header has been ignored, because the URL's origin was"
+"""What the browser notes of each page that comes over plain HTTP from another machine."""
 
 NAME = "mpf.test"
 """The browser finds this machine under it (conftest), but does not trust it like localhost."""
@@ -47,8 +51,10 @@ def kept(apart: Served) -> str:
 # Over plain HTTP browsers tell by Sec-Fetch-Dest who asks only where it is this machine.
 @pytest.mark.parametrize("host", ["127.0.0.1", NAME])
 def test_files_are_shown_and_saved(
-    page: Page, apart: Served, kept: str, host: str, tmp_path: Path
+    context: BrowserContext, apart: Served, kept: str, host: str, tmp_path: Path
 ) -> None:
+    page = context.new_page()
+    wrong = watched(page)
     assert apart.client.get(f"/jobs/{kept}/report.json").status_code == 307
     address = f"{apart.url.replace('127.0.0.1', host)}/#/jobs/{kept}"
     page.goto(address)
@@ -62,3 +68,4 @@ def test_files_are_shown_and_saved(
     waiting.value.save_as(tmp_path / "report.json")
     assert "timings" in json.loads((tmp_path / "report.json").read_text())
     assert page.url == address, "a file that is saved does not take the page's place"
+    assert [told for told in wrong if not told.startswith(PLAIN_HTTP)] == []
