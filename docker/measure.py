@@ -92,7 +92,7 @@ def prepare(root: Path) -> None:
         ["git", "-C", str(REPOSITORY), "ls-files", "-z"], check=True, capture_output=True
     ).stdout.decode()
     wanted = ("mpf_core/", "service/", "worker/", "openapi/", "pyproject.toml", "README.md",
-              "LICENSE", "constraints.txt", "hatch_build.py")  # fmt: skip
+              "LICENSE", "constraints.txt", "scripts/")  # fmt: skip
     for name in filter(None, archive.split("\0")):
         if name.startswith(wanted):
             target = root / "src" / name

@@ -77,6 +77,12 @@ class FitOptions:
         high=200.0,
     )
     beta: float = option(50.0, "Start of the learnable phase sharpness β.", low=0.01, high=1000.0)
+    composite: str = option(
+        "residual",
+        "φ = r·P + θ. For ablations: the product r·P, or the phase P alone; θ then has no gradient "
+        "near the surface, or no distance.",
+        choices=("residual", "product", "phase"),
+    )
     softplus_slope: float = option(
         100.0, "Sharpness of the softplus that keeps r ≥ 0.", low=1.0, high=LARGEST
     )
@@ -229,7 +235,7 @@ class DataOptions:
         expert=False,
     )
     sheet_thickness: float = option(
-        0.12,
+        0.06,
         "Thickness that the last step gives to the shell around an open sheet: a one-layer surface "
         "is then missed by a quarter of it on average, and the walls still stay well apart.",
         low=0.01,

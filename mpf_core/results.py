@@ -63,15 +63,13 @@ def write_stack(
 ) -> list[dict[str, Any]]:
     """`count` φ slices along each axis, as slices/{axis}/{index}.png.
 
-    Returns what the report tells of them: where they lie, in the input's units.
+    Returns what the report tells of them: where they lie, in the input's units, and where the plot
+    is in each picture.
     """
     evaluate = field_of(fitted.field, "phi")
     with workers(threads or torch.get_num_threads()):
         written = write_slices(evaluate, fitted.similarity, fitted.box, count, out)
-    return [
-        {"file": f"slices/{s.axis}/{s.index}.png", "field": "phi", "axis": s.axis, "at": s.at}
-        for s in written
-    ]
+    return [s.cut.told(f"slices/{s.cut.axis}/{s.index}.png", "phi") for s in written]
 
 
 def write_report(report: dict[str, Any], path: Path) -> None:

@@ -69,7 +69,7 @@ def slice_png(
     )
     evaluate = field_of(fitted.field, name)
     with workers(torch.get_num_threads()):
-        return cut(evaluate, fitted.similarity, fitted.box, axis, place, field=name)[0]
+        return cut(evaluate, fitted.similarity, fitted.box, axis, place, field=name).picture
 
 
 def inside(fitted: FittedField, axis: str, at: float) -> float:
@@ -168,11 +168,11 @@ def _write_cuts(
         evaluate = field_of(fitted.field, name)
         for place in positions:
             watch.check()
-            picture, at = cut(evaluate, fitted.similarity, fitted.box, axis, place, field=name)
+            made = cut(evaluate, fitted.similarity, fitted.box, axis, place, field=name)
             index = numbers.get((name, axis), 0)
             numbers[name, axis] = index + 1
             file = f"slices/{name}/{axis}/{index}.png"
             (out / file).parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(out / file, picture)
-            written.append({"file": file, "field": name, "axis": axis, "at": at})
+            write_atomically(out / file, made.picture)
+            written.append(made.told(file, name))
     return written

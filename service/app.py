@@ -24,6 +24,7 @@ from service.settings import Settings
 from service.state import build_state
 from service.uploads import tus
 from service.uploads.routes import router as inspection
+from service.web.routes import router as web
 from service.webhooks.routes import router as webhooks
 
 ALLOWED_HEADERS = ("Authorization", "Content-Type", "Idempotency-Key", "Last-Event-ID")
@@ -73,6 +74,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(RequestLog)
     for router in (
         jobs, extractions, tus.router, inspection, events, artifacts, shares, webhooks, operations,
+        web,
     ):  # fmt: skip
         app.include_router(router)
     app.openapi = cache(lambda: describe(app))  # type: ignore[method-assign]

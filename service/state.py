@@ -21,7 +21,7 @@ from service.jobs.store import JobStore
 from service.operations.estimates import Estimates
 from service.operations.health import Health
 from service.operations.metrics import Metrics
-from service.operations.store import WorkerRegister
+from service.operations.store import FitRate, WorkerRegister
 from service.settings import Settings
 from service.uploads.incoming import Resumable
 from service.uploads.intake import Intake
@@ -52,6 +52,7 @@ class State:
     keys: KeyStore
     shares: ShareStore
     rates: RateLimit
+    rate: FitRate
 
 
 def build_state(settings: Settings) -> State:
@@ -81,6 +82,7 @@ def build_state(settings: Settings) -> State:
         keys=KeyStore(redis),
         shares=ShareStore(redis),
         rates=RateLimit(redis, settings.requests_per_minute, settings.requests_burst),
+        rate=FitRate(redis),
     )
 
 

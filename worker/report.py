@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import statistics
 import time
 from collections.abc import Callable
 
@@ -40,6 +41,7 @@ class Reporter:
         self._asked_at = -math.inf
         self.reason = ""
         self._keep = False
+        self._rates: list[float] = []
 
     def progress(self, progress: Progress) -> None:
         """Note the report, if enough time has passed or the stage has changed."""
@@ -50,6 +52,8 @@ class Reporter:
         ):
             return
         self._told_at, self._told_stage = now, progress.stage
+        if progress.points_per_second is not None:
+            self._rates.append(progress.points_per_second)
         try:
             changed = self._store.progress(self._lease, _plain(progress))
             self._heed(changed.cancel)
@@ -57,6 +61,10 @@ class Reporter:
             self._stop("fenced", str(refusal))
         except UNREACHABLE as error:
             log.warning("job %s: progress not noted: %s", self._lease.job_id, error)
+
+    def points_per_second(self) -> float | None:
+        """At which the fit went, by the median of what it reported; None if it did not."""
+        return statistics.median(self._rates) if self._rates else None
 
     def cancel(self) -> bool:
         """Whether the job should stop; asks the record a few times a second at most."""

@@ -32,6 +32,7 @@ from service.jobs.model import EXTRACTION, FIT, RESULTS, Artifact, Job
 from service.jobs.queue import JobQueue, attempt_of
 from service.jobs.store import JobStore
 from service.logs import about
+from service.operations.store import FitRate
 from service.problems import Problem, problem_from
 from service.settings import Settings
 from worker.memory import is_out_of_memory
@@ -120,6 +121,7 @@ class Attempt:
         self._artifacts = artifacts_of(settings)
         self._artifacts.prepare()
         self._reporter = Reporter(self._store, lease, settings)
+        self._rate = FitRate(redis)
 
     def run(self) -> None:
         """From `queued` to wherever it ends."""
@@ -169,6 +171,7 @@ class Attempt:
                 checkpoint=checkpoint,
             )
             RUNNERS[job.kind](run)
+        self._note_rate()
         return self._patiently(lambda: self._artifacts.publish(job_id, attempt))
 
     def _patiently(self, act: Callable[[], T]) -> T:
@@ -192,6 +195,15 @@ class Attempt:
             return self._handed_back
         problem = Problem("service.unavailable", "the artefact store does not answer")
         return self._failed(problem.as_dict())
+
+    def _note_rate(self) -> None:
+        """For those who ask what the next fit will take."""
+        rate = self._reporter.points_per_second()
+        if rate is not None:
+            try:
+                self._rate.note(rate)
+            except UNREACHABLE as error:
+                log.warning("job %s: its rate is not noted: %s", self._lease.job_id, error)
 
     def _failed(self, problem: Mapping[str, Any]) -> Callable[[], Changed]:
         log.info("job %s: attempt %s fails: %s", *self._name(), problem.get("code"))

@@ -22,10 +22,10 @@ FACING = 0.35  # σ: a sample turned by 20° has a third of the weight, by 40° 
 HEIGHT = 0.1  # c
 # Kernels k tried, over the spacing, with neighbours that reach far enough for each: six unknowns
 # need the first on clean data, noise asks for more.
-KERNELS = ((0.8, 24), (1.2, 50), (1.8, 110), (2.4, 200), (3.2, 360))
+KERNELS = ((0.8, 24), (1.2, 50), (1.8, 110), (2.4, 200), (3.2, 360), (4.2, 620))
 RIDGE = 1e-3  # on curvatures, of the weight: decides only where there are too few samples
 NEGLIGIBLE = 2e-3  # of the spacing: errors below need no wider kernel
-BETTER = 0.99  # of the error, at most, that a wider kernel must leave to be taken
+BETTER = 0.999  # of the error, at most, that a wider kernel must leave to be taken
 OUTLYING = 3.0  # medians of the errors, beyond which they count no more: edges and rims
 PROBES = 3000  # samples at which kernels are judged
 PAIRS = 12_000_000  # of points and neighbours: what a fit to all may cost, some seconds

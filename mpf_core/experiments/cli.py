@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import shlex
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from mpf_core.errors import InputError
-
-if TYPE_CHECKING:
-    from mpf_core.experiments.trial import Trial
+from mpf_core.experiments.asked import Asked
 
 # The names are written out so that `--help` need not load the shapes.
 DEFAULT = "potted-plant"
@@ -73,7 +71,10 @@ def _write(name: str, output: Path, points: int | None, seed: int, truth: Path |
         click.echo(f"{truth}: its exact surface", err=True)
 
 
-EXPERIMENTS = ("thickness", "shapes", "noise", "presets", "extraction")
+EXPERIMENTS = (
+    "thickness", "shapes", "noise", "presets", "ablation", "beta", "phase-only", "fields",
+    "scaling", "baselines", "paper", "extraction", "cost",
+)  # fmt: skip
 
 
 @click.command()
@@ -84,102 +85,36 @@ EXPERIMENTS = ("thickness", "shapes", "noise", "presets", "extraction")
 @click.option("--budget", type=click.FloatRange(1), help="Seconds for each fit.")
 @click.option("--seeds", type=click.IntRange(1, 20), default=1, show_default=True)
 @click.option("--preset", help="Options to start from, as for mpf reconstruct.")
+@click.option("--iterations", type=click.IntRange(1), help="Of each fit, whatever they take.")
+@click.option("--points", type=click.IntRange(16), help="In each set of points of a step.")
+@click.option("--resolution", type=click.IntRange(16, 2048), help="Cells of each extraction.")
 @click.option("--only", help="Only trials whose label holds this text.")
 @click.option(
     "--meshes",
     type=click.Path(path_type=Path, file_okay=False, exists=True),
-    help="Folder with the bodies that presets names.",
+    help="Folder with bodies: those that presets names, or your own for shapes.",
 )
 @click.option(
     "--clouds",
     type=click.Path(path_type=Path, file_okay=False, exists=True),
-    help="Folder with the scans that presets names.",
+    help="Folder with scans: those that presets names, or your own for shapes.",
 )
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Where all goes.")
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
-def experiment(
-    name: str,
-    quick: bool,
-    budget: float | None,
-    seeds: int,
-    preset: str | None,
-    only: str | None,
-    meshes: Path | None,
-    clouds: Path | None,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+def experiment(name: str, out: Path | None, as_json: bool, **flags: Any) -> None:
     """Run one of the paper's experiments: a table, the meshes and their pictures.
 
     Rows that are there already are kept, so a stopped experiment goes on where it was.
     """
-    from mpf_core.experiments import suite, tables, trial
-    from mpf_core.files import write_atomically
-    from mpf_core.surface.drawing import png_bytes
+    from mpf_core.experiments import running
 
-    directory = out or Path("out") / "experiments" / (f"{name}-quick" if quick else name)
-    if name == "extraction":
-        _extraction(directory, quick, budget, as_json)
-        return
-    wanted = suite.trials(
-        name, quick=quick, seeds=seeds, preset=preset, budget=budget, meshes=meshes, clouds=clouds
-    )
-    wanted = [t for t in wanted if only is None or only in t.label]
-    _check_options(wanted)
-    rows = []
-    samples = 10_000 if quick else 100_000
-    for row in trial.run(wanted, directory, trial.METHODS, samples=samples):
-        rows.append(row)
-        click.echo(_progress(row, len(rows), len(wanted)), err=True)
-    about = suite.EXPERIMENTS[name]
-    asked: dict[str, Any] = {
-        "--budget": budget,
-        "--seeds": seeds,
-        "--preset": preset,
-        "--only": only,
-    }
-    asked |= {"--meshes": meshes and "DIR", "--clouds": clouds and "DIR"}
-    given = [f"{flag}={value}" for flag, value in asked.items() if value is not None]
-    quickly = ["--quick"] if quick else []
-    command = shlex.join(["mpf", "experiment", name, *quickly, *given])
-    table = tables.markdown(about.title, rows, about.paper, command, about.beside)
-    write_atomically(directory / "table.md", table.encode())
-    write_atomically(directory / "rows.json", json.dumps(rows, indent=2).encode())
-    sheet = tables.contact_sheet(rows, directory)
-    if sheet is not None:
-        write_atomically(directory / "sheet.png", png_bytes(sheet))
+    asked = Asked(**flags)
+    folder = f"{name}-quick" if asked.quick else name
+    directory = out or Path("out") / "experiments" / folder
+    try:
+        rows, table = running.run(name, asked, directory, partial(click.echo, err=True))
+    except InputError as error:
+        raise click.UsageError(str(error)) from error
     click.echo(json.dumps(rows, indent=2) if as_json else table)
     if any("error" in row for row in rows):
         raise SystemExit(3)
-
-
-def _extraction(directory: Path, quick: bool, budget: float | None, as_json: bool) -> None:
-    from mpf_core.experiments import extraction
-    from mpf_core.files import write_atomically
-
-    rows = extraction.measured(directory, quick=quick, budget=budget)
-    command = "mpf experiment extraction" + (" --quick" if quick else "")
-    table = extraction.markdown(rows, command)
-    write_atomically(directory / "table.md", table.encode())
-    write_atomically(directory / "rows.json", json.dumps(rows, indent=2).encode())
-    click.echo(json.dumps(rows, indent=2) if as_json else table)
-
-
-def _check_options(trials: list[Trial]) -> None:
-    """Refuse wrong options before the first fit, not in every row."""
-    from mpf_core.options import options_from
-
-    if not trials:
-        raise click.UsageError("no trial has that in its label")
-    try:
-        options_from(dict(trials[0].options))
-    except InputError as error:
-        raise click.UsageError(str(error)) from error
-
-
-def _progress(row: dict[str, Any], done: int, all_of_them: int) -> str:
-    metrics = row.get("metrics", {})
-    name = "chamfer" if "chamfer" in metrics else "input_to_surface"
-    found = row.get("error") or f"{name.replace('_', ' ')} × 10³ {metrics[name]:.3g}"
-    label, seed = row["trial"]["label"], row["trial"]["seed"]
-    return f"[{done}/{all_of_them}] {label}, seed {seed}: {found}, {row['seconds']:.0f} s"

@@ -18,7 +18,9 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional
 
+from mpf_core.experiments.asked import Asked
 from mpf_core.experiments.shapes import sample
+from mpf_core.experiments.trial import Row
 from mpf_core.field.artefact import load_field, save_field
 from mpf_core.field.fitted import FittedField, theta_of
 from mpf_core.options import options_from
@@ -32,14 +34,13 @@ PRODUCT = 2048  # rows of the matrix product that tells the machine's speed, as 
 REPEATS = 2
 PROBES = 20_000  # vertices at which precisions are compared
 
-Row = dict[str, Any]
 Floats = NDArray[np.float64]
 
 
-def measured(directory: Path, *, quick: bool, budget: float | None, threads: int = 2) -> list[Row]:
+def measured(directory: Path, asked: Asked, threads: int = 2) -> list[Row]:
     """All rows, in the order of the table; `directory` keeps the field."""
-    fitted = _field(directory / "field.safetensors", quick, budget)
-    sparse, full = ((64, 96), 64) if quick else ((256, 512, 1024), 256)
+    fitted = _field(directory / "field.safetensors", asked.quick, asked.budget)
+    sparse, full = ((64, 96), 64) if asked.quick else ((256, 512, 1024), 256)
     rows: list[Row] = []
     with workers(threads):
         rows.append({"what": "float32 matrix product", "GFLOP/s": _speed(threads)})
@@ -52,20 +53,6 @@ def measured(directory: Path, *, quick: bool, budget: float | None, threads: int
         assert surface is not None
         rows += _precisions(fitted, surface)
     return rows
-
-
-def markdown(rows: list[Row], command: str) -> str:
-    """The rows as a table; what a row does not have stays empty."""
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    lines = ["| " + " | ".join(names) + " |", "| --- |" + " ---: |" * (len(names) - 1)]
-    lines += ["| " + " | ".join(_text(row.get(name)) for name in names) + " |" for row in rows]
-    return f"`{command}`\n\n" + "\n".join(lines) + "\n"
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.3g}" if value < 100 else f"{value:.0f}"
-    return "" if value is None else str(value)
 
 
 def _field(path: Path, quick: bool, budget: float | None) -> FittedField:

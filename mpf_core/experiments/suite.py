@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
 
-from mpf_core.experiments import presets
+from mpf_core.experiments import ablation, baselines, course, presets, scaling
+from mpf_core.experiments.asked import QUICK_POINTS, Asked
 from mpf_core.experiments.shapes import PLATE_THICKNESSES
-from mpf_core.experiments.trial import Trial
+from mpf_core.experiments.trial import SCANS, Trial
+from mpf_core.quality.meshio import EXTENSIONS
 
-# A fit of a few seconds: what runs in the tests, and says nothing about quality.
-QUICK: dict[str, Any] = {
-    "preset": "draft", "max_iterations": 60, "time_budget": 60.0, "resolution": 64, "slices": 0,
-}  # fmt: skip
-_QUICK_POINTS = 3000
+BODIES = tuple(f".{kind}" for kind in EXTENSIONS)
 
 _SHAPES = (
     ("cube-sheet", 10_000), ("wave", 10_000), ("moebius", 10_000), ("vase", 10_000),
@@ -28,26 +24,30 @@ _SHAPES = (
 
 @dataclass(frozen=True)
 class Experiment:
-    """A table: its trials without seeds, at full size or quick, and what the paper says of them,
-    or what they are to reach."""
+    """A table: its trials without seeds, as asked for, and what the paper says of them, or what
+    they are to reach. Where `sized`, the trials have taken the size and the preset that are asked
+    for themselves."""
 
     name: str
     title: str
-    trials: Callable[[bool], list[Trial]]
+    trials: Callable[[Asked], list[Trial]]
     paper: dict[str, str] = field(default_factory=dict)
     beside: str = "paper"
+    sized: bool = False
 
 
-def _thickness(quick: bool) -> list[Trial]:
-    thicknesses = PLATE_THICKNESSES[:1] if quick else PLATE_THICKNESSES
-    points = _QUICK_POINTS if quick else 20_000
+def _thickness(asked: Asked) -> list[Trial]:
+    thicknesses = PLATE_THICKNESSES[:1] if asked.quick else PLATE_THICKNESSES
+    points = QUICK_POINTS if asked.quick else 20_000
     solids = [Trial(f"solid, T = {t:g}", f"plate-{t:g}", points) for t in thicknesses]
-    return solids if quick else [*solids, Trial("single sheet", "sheet", 10_000)]
+    return solids if asked.quick else [*solids, Trial("single sheet", "sheet", 10_000)]
 
 
-def _shapes(quick: bool) -> list[Trial]:
-    if quick:
-        return [Trial("wave", "wave", _QUICK_POINTS)]
+def _shapes(asked: Asked) -> list[Trial]:
+    if asked.quick:
+        return [Trial("wave", "wave", QUICK_POINTS)]
+    if asked.meshes is not None or asked.clouds is not None:
+        return _own(asked)
     plain = [Trial(name, name, points) for name, points in _SHAPES]
     return [
         *plain,
@@ -57,9 +57,19 @@ def _shapes(quick: bool) -> list[Trial]:
     ]
 
 
-def _noise(quick: bool) -> list[Trial]:
-    if quick:
-        return [Trial("wave, 0.5 %", "wave", _QUICK_POINTS, noise=0.005)]
+def _own(asked: Asked) -> list[Trial]:
+    """Anyone's bodies and scans: every file of a known kind in the folders."""
+    bodies, scans = (
+        [] if folder is None else sorted(p for p in folder.iterdir() if p.suffix.lower() in kinds)
+        for folder, kinds in ((asked.meshes, BODIES), (asked.clouds, SCANS))
+    )
+    made = [Trial(path.stem, str(path), 50_000) for path in bodies]
+    return made + [Trial(path.stem, str(path), 100_000) for path in scans]
+
+
+def _noise(asked: Asked) -> list[Trial]:
+    if asked.quick:
+        return [Trial("wave, 0.5 %", "wave", QUICK_POINTS, noise=0.005)]
     made = [Trial("room, 0.25 %", "room", 80_000, noise=0.0025)]
     for name, points in (("wave", 10_000), ("cube-sheet", 10_000), ("holed-body", 20_000)):
         levels = (0.0, 0.0025, 0.005, 0.01)
@@ -69,10 +79,11 @@ def _noise(quick: bool) -> list[Trial]:
     return made
 
 
-def _presets(quick: bool) -> list[Trial]:
-    if quick:
-        return [Trial("wave", "wave", _QUICK_POINTS)]
-    return presets.trials(None, None)
+def _presets(asked: Asked) -> list[Trial]:
+    if asked.quick:
+        return [Trial("wave", "wave", QUICK_POINTS)]
+    made = presets.trials(asked.meshes, asked.clouds)
+    return [t for t in made if asked.preset in (None, dict(t.options)["preset"])]
 
 
 EXPERIMENTS: dict[str, Experiment] = {
@@ -92,32 +103,27 @@ EXPERIMENTS: dict[str, Experiment] = {
     "presets": Experiment(
         "presets", "The presets against their goals", _presets, presets.goals(), "goal"
     ),
+    "ablation": Experiment(
+        "ablation", "Terms and additions, one at a time", ablation.terms, ablation.CITED
+    ),
+    "beta": Experiment("beta", "The phase sharpness β", ablation.betas),
+    "phase-only": Experiment("phase-only", "φ = P alone", ablation.phase_only),
+    "scaling": Experiment("scaling", "Seconds and memory", scaling.trials),
+    "baselines": Experiment("baselines", "What people would use instead", baselines.trials),
+    "paper": Experiment(
+        "paper", "The paper's recipe and ours over time", course.trials, sized=True
+    ),
 }
 
 
-def trials(
-    name: str,
-    *,
-    quick: bool,
-    seeds: int,
-    preset: str | None,
-    budget: float | None,
-    meshes: Path | None = None,
-    clouds: Path | None = None,
-) -> list[Trial]:
-    """The trials of an experiment, with the options and the seeds asked for.
+def trials(name: str, asked: Asked) -> list[Trial]:
+    """The trials of an experiment, with the options and the seeds asked for."""
+    wanted = [t for t in EXPERIMENTS[name].trials(asked) if (asked.only or "") in t.label]
+    if EXPERIMENTS[name].sized:
+        asked = replace(asked, preset=None, iterations=None, points=None)
+    made = [_as_asked(t, asked) if t.is_fit else t for t in wanted]
+    return [one for t in made for one in t.seeded(1 if asked.quick else asked.seeds)]
 
-    meshes, clouds: folders with the files that `presets` names
-    """
-    options: dict[str, Any] = dict(QUICK) if quick else {}
-    if preset is not None:
-        options["preset"] = preset
-    if budget is not None:
-        options["time_budget"] = budget
-    base = EXPERIMENTS[name].trials(quick)
-    if name == "presets" and not quick:
-        base = presets.trials(meshes, clouds)
-        if preset is not None:
-            base = [t for t in base if dict(t.options)["preset"] == preset]
-    made = [replace(t, options=tuple(sorted({**dict(t.options), **options}.items()))) for t in base]
-    return [one for t in made for one in t.seeded(1 if quick else seeds)]
+
+def _as_asked(trial: Trial, asked: Asked) -> Trial:
+    return replace(trial, options=tuple(sorted(asked.options(dict(trial.options)).items())))

@@ -30,12 +30,13 @@ from mpf_core.errors import MPFError
 from mpf_core.experiments.shapes import sample, shape
 from mpf_core.files import write_atomically
 from mpf_core.quality.intersections import self_intersections
-from mpf_core.quality.metrics import evaluate, farthest_component, points_to_surface
+from mpf_core.quality.metrics import compare, evaluate, farthest_component, points_to_surface
 from mpf_core.quality.topology import topology
 from mpf_core.surface.export import cloud_ply_bytes, write_glb, write_ply
 from mpf_core.surface.mesh import Mesh
 
 Row = dict[str, Any]
+FITS = ("mpf", "course", "process")  # methods that are reconstructions: whole, watched, apart
 SCANS = (".xyz", ".txt", ".pts")
 _LIBRARIES = ("numpy", "scipy", "torch", "libigl")
 
@@ -69,6 +70,11 @@ class Trial:
         return f"{Path(self.shape).stem}-{self.method}-{self.seed}-{digest}"
 
     @property
+    def is_fit(self) -> bool:
+        """Whether `options` are those of a reconstruction."""
+        return self.method in FITS
+
+    @property
     def is_scan(self) -> bool:
         """Whether the cloud is measured, so that no exact surface is known."""
         return Path(self.shape).suffix.lower() in SCANS
@@ -90,17 +96,29 @@ class Trial:
 
 
 @dataclass(frozen=True)
+class Moment:
+    """A fit under way: the mesh of its field, None while there is none, after so many iterations
+    and seconds since the beginning."""
+
+    iteration: int
+    seconds: float
+    mesh: Mesh | None
+
+
+@dataclass(frozen=True)
 class Outcome:
     """What a method made of a cloud: a mesh in the cloud's frame, and what it tells of itself.
 
     alone: the mesh before the last step, where there was one; seconds: from reading the cloud's
-    file to the written mesh
+    file to the written mesh; figures: to stand among the metrics; course: the way to the mesh
     """
 
     mesh: Mesh
     facts: Mapping[str, Any] = field(default_factory=dict)
     alone: Mesh | None = None
     seconds: float | None = None
+    figures: Mapping[str, float] = field(default_factory=dict)
+    course: Sequence[Moment] = ()
 
 
 Method = Callable[[NDArray[np.float64], Trial], Outcome]
@@ -130,9 +148,10 @@ def run(
         yield row
 
 
-def mesh_path(directory: str | Path, row: Row) -> Path:
-    """Where `run` left the mesh of a row."""
-    return Path(directory) / "meshes" / f"{row['key']}.ply"
+def mesh_path(directory: str | Path, row: Row, iteration: int | None = None) -> Path:
+    """Where `run` left the mesh of a row, or that of a moment of its course."""
+    moment = "" if iteration is None else f"-{iteration}"
+    return Path(directory) / "meshes" / f"{row['key']}{moment}.ply"
 
 
 def mpf(points: NDArray[np.float64], trial: Trial) -> Outcome:
@@ -188,9 +207,24 @@ def _executed(trial: Trial, directory: Path, method: Method, samples: int) -> Ro
     if outcome.alone is not None:
         alone = _measured(outcome.alone, points, trial, samples)
         row["metrics"] |= {f"alone_{name}": value for name, value in alone.items()}
+    row["metrics"] |= outcome.figures
+    if outcome.course:
+        row["course"] = [_moment(m, directory, row, trial, samples) for m in outcome.course]
     row["facts"] = dict(outcome.facts)
     write_ply(outcome.mesh, mesh_path(directory, row))
     return row
+
+
+def _moment(
+    moment: Moment, directory: Path, row: Row, trial: Trial, samples: int
+) -> dict[str, Any]:
+    found: dict[str, Any] = {"iteration": moment.iteration, "seconds": moment.seconds}
+    if moment.mesh is None:
+        return found
+    write_ply(moment.mesh, mesh_path(directory, row, moment.iteration))
+    # Crossings are left out: early on there are more floaters than they can be counted on.
+    measured = compare(moment.mesh, shape(trial.shape), samples=samples)
+    return found | asdict(measured) | {"components": topology(moment.mesh).components}
 
 
 def _measured(

@@ -24,7 +24,7 @@ from mpf_core.cloud.normalize import Similarity
 from mpf_core.errors import FieldFormat, FieldVersion
 from mpf_core.field.fitted import FittedField
 from mpf_core.field.footprint import Footprint
-from mpf_core.field.metric_phase import MetricPhaseField
+from mpf_core.field.metric_phase import COMPOSITES, MetricPhaseField
 from mpf_core.files import write_atomically
 
 VERSION = 1
@@ -80,6 +80,7 @@ def _about(fitted: FittedField) -> dict[str, Any]:
         "width": field.width,
         "omega": float(field.omega),
         "softplus_slope": float(field.softplus_slope),
+        **({} if field.composite == COMPOSITES[0] else {"composite": field.composite}),
         "center": similarity.center.tolist(),
         "scale": float(similarity.scale),
         "box": fitted.box.tolist(),
@@ -98,6 +99,7 @@ def _read(file: Any) -> FittedField:
             width=width,
             omega=_number(about, "omega", 1e-3, 1e6),
             softplus_slope=_number(about, "softplus_slope", 1e-3, 1e6),
+            composite=_one_of(about, "composite", COMPOSITES),
         )
     similarity = Similarity(
         np.array(_numbers(about, "center", 3, 1e100)), _number(about, "scale", 1e-101, 1e101)
@@ -168,6 +170,14 @@ def _whole(about: dict[str, Any], name: str, low: int, high: int) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
         raise _wrong(f"its {name} is {str(value)[:80]!r}")
     return value
+
+
+def _one_of(about: dict[str, Any], name: str, choices: tuple[str, ...]) -> str:
+    """One of `choices`, the first where nothing is said."""
+    value = about.get(name, choices[0])
+    if value not in choices:
+        raise _wrong(f"its {name} is {str(value)[:80]!r}")
+    return str(value)
 
 
 def _number(about: dict[str, Any], name: str, low: float, high: float) -> float:

@@ -14,6 +14,7 @@ from mpf_core.field.siren import Siren
 
 # "A small negative value" for the phase head's last bias on closed shapes (section 3.5).
 CLOSED_PHASE_OFFSET = -0.1
+COMPOSITES = ("residual", "product", "phase")  # the paper's φ, and those of its ablations
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,12 @@ class MetricPhaseField(nn.Module):
         beta: float = 50.0,
         softplus_slope: float = 100.0,
         closed: bool = False,
+        composite: str = "residual",
         generator: torch.Generator | None = None,
     ):
         super().__init__()
         self.width, self.omega, self.softplus_slope = width, omega, softplus_slope
+        self.composite = composite
         self.siren = Siren(width, omega, generator)
         self.beta = nn.Parameter(torch.tensor(float(beta)))
         if closed:
@@ -52,11 +55,22 @@ class MetricPhaseField(nn.Module):
         raw, theta = self.siren(x, order)
         r = sharp_softplus(raw, self.softplus_slope)
         indicator = phase_indicator(theta, self.beta)
-        return FieldJets(r, theta, indicator, r * indicator + theta)
+        return FieldJets(r, theta, indicator, composed(r, theta, indicator, self.composite))
 
     def theta(self, x: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
         """θ alone; its zero level is the surface (Proposition 1)."""
         return self.siren.phase_value(x)
+
+
+def composed(r: Jet, theta: Jet, indicator: Jet, composite: str) -> Jet:
+    """φ = r·P + θ, or what ablations put in its place: "product" r·P, "phase" P."""
+    if composite == "residual":
+        return r * indicator + theta
+    if composite == "product":
+        return r * indicator
+    if composite == "phase":
+        return indicator
+    raise ValueError(f"there is no composite {composite!r}")
 
 
 def sharp_softplus(raw: Jet, slope: float) -> Jet:

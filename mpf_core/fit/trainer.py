@@ -138,6 +138,7 @@ class Trainer:
             beta=options.beta,
             softplus_slope=options.softplus_slope,
             closed=options.closed,
+            composite=options.composite,
             generator=self.generator,
         )
         precision = products_in(options.precision)

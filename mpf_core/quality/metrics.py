@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from mpf_core.errors import InputError
 from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.sampling import sample_surface
+from mpf_core.quality.thickness import DoubleCover, double_cover
 from mpf_core.quality.topology import Topology, topology
 from mpf_core.surface.cut import pieces
 from mpf_core.surface.mesh import Mesh
@@ -68,16 +69,18 @@ class SurfaceDistances:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """All that `mpf evaluate` tells of a mesh."""
+    """All that `mpf evaluate` tells of a mesh; the double cover in the comparison's frame."""
 
     comparison: Comparison
     topology: Topology
     self_intersections: int
+    cover: DoubleCover
 
     def as_dict(self) -> dict[str, Any]:
         """The figures as one flat JSON object; `chamfer` and the means are × 10³."""
         flat = asdict(self.comparison) | asdict(self.topology)
-        return flat | {"self_intersections": self.self_intersections}
+        cover = {f"double_{name}": value for name, value in asdict(self.cover).items()}
+        return flat | {"self_intersections": self.self_intersections} | cover
 
 
 def evaluate(mesh: Mesh, reference: Mesh, *, samples: int = SAMPLES, seed: int = 0) -> Evaluation:
@@ -86,6 +89,7 @@ def evaluate(mesh: Mesh, reference: Mesh, *, samples: int = SAMPLES, seed: int =
         comparison=compare(mesh, reference, samples=samples, seed=seed),
         topology=topology(mesh),
         self_intersections=len(self_intersections(mesh)),
+        cover=double_cover(_framed(mesh, *_frame_of(reference), "mesh"), seed=seed),
     )
 
 
@@ -165,11 +169,18 @@ def lines(evaluation: Evaluation) -> list[str]:
         ("non-manifold", f"{t.nonmanifold_edges} edges, {t.nonmanifold_vertices} vertices"),
         ("inconsistent edges", f"{t.inconsistent_edges}"),
         ("self-intersections", f"{evaluation.self_intersections} pairs of faces"),
+        ("double cover", _cover_text(evaluation.cover)),
         ("slivers, degenerate", f"{t.slivers}, {t.degenerate_faces}"),
         ("samples", f"{c.samples} on each mesh, seed {c.seed}"),
         ("frame", f"reference's longest side is 2; one unit is {c.scale:.6g} of the input"),
     ]
     return [f"{name:<22}{value}" for name, value in rows]
+
+
+def _cover_text(cover: DoubleCover) -> str:
+    if cover.thickness is None:
+        return "none"
+    return f"{100 * cover.share:.1f} % of the area, {cover.thickness:.4g} thick (median)"
 
 
 @dataclass(frozen=True)

@@ -88,9 +88,8 @@ def slice_image(
     if limit is None:
         limit = float(np.abs(values).max())
     limit = limit if limit > 0 else 1.0
-    plot = _plot(_enlarged(values, extent, format.pixels), limit)
-    height, width = plot.shape[:2]
-    margin = format.length(18)
+    margin, _, width, height = plot_box(extent, format)
+    plot = _plot(_enlarged(values, (width, height)), limit)
     size = (width + format.length(130) + 2 * margin, height + format.length(66) + margin)
     canvas = Image.new("RGB", size, "white")
     canvas.paste(Image.fromarray(plot), (margin, margin))
@@ -105,17 +104,22 @@ def slice_image(
     return png_bytes(canvas)
 
 
+def plot_box(extent: Extent, format: Format = SINGLE) -> Box:
+    """Where the plot lies in its picture: left, top, width and height in pixels."""
+    pixels = format.pixels / _longest(extent)
+    width = max(2, round((extent[1] - extent[0]) * pixels))
+    height = max(2, round((extent[3] - extent[2]) * pixels))
+    return format.length(18), format.length(18), width, height
+
+
 def _longest(extent: Extent) -> float:
     return max(extent[1] - extent[0], extent[3] - extent[2])
 
 
-def _enlarged(values: NDArray[np.float32], extent: Extent, long_side: int) -> NDArray[np.float32]:
-    """The values at the picture's pixels, row 0 at the top."""
-    pixels = long_side / _longest(extent)
-    width = max(2, round((extent[1] - extent[0]) * pixels))
-    height = max(2, round((extent[3] - extent[2]) * pixels))
+def _enlarged(values: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
+    """The values at the picture's pixels (width, height), row 0 at the top."""
     image = Image.fromarray(np.ascontiguousarray(values[::-1]))
-    return np.asarray(image.resize((width, height), Image.Resampling.BICUBIC))
+    return np.asarray(image.resize(size, Image.Resampling.BICUBIC))
 
 
 def _plot(values: NDArray[np.float32], limit: float) -> NDArray[np.uint8]:

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mpf_core.files import write_atomically
 from mpf_core.parallel import shared
-from mpf_core.surface.sliceimage import ACROSS, SINGLE, STACK, Format, slice_image
+from mpf_core.surface.sliceimage import (
+    ACROSS,
+    SINGLE,
+    STACK,
+    Box,
+    Extent,
+    Format,
+    plot_box,
+    slice_image,
+)
 
 AXES = ("x", "y", "z")
 COARSE = 4  # samples between two that are evaluated whatever their values
@@ -29,13 +38,38 @@ class Frame(Protocol):
 
 
 @dataclass(frozen=True)
-class Slice:
-    """One written picture: the cut `axis` = `at`, in the input's units."""
+class Cut:
+    """A picture of the field on the plane `axis` = `at`, and what lays it where it was taken.
 
+    extent: of the plot: left, right, bottom, top; it and `at` are in the input's units
+    plot: where the plot lies in the picture: left, top, width, height in pixels
+    """
+
+    picture: bytes
     axis: str
-    index: int
     at: float
+    extent: Extent
+    plot: Box
+
+    def told(self, file: str, field: str) -> dict[str, Any]:
+        """What the report says of it, written as `file`."""
+        return {
+            "file": file,
+            "field": field,
+            "axis": self.axis,
+            "at": self.at,
+            "extent": list(self.extent),
+            "plot": list(self.plot),
+        }
+
+
+@dataclass(frozen=True)
+class Slice:
+    """One written picture."""
+
+    index: int
     path: Path
+    cut: Cut
 
 
 def write_slices(
@@ -65,12 +99,12 @@ def write_slices(
         for axis, index, at in planes[part]:
             path = Path(directory) / "slices" / axis / f"{index}.png"
             path.parent.mkdir(parents=True, exist_ok=True)
-            picture, position = cut(
+            made = cut(
                 evaluate, similarity, box, axis, at,
                 field=field, format=format, unit_label=unit_label,
             )  # fmt: skip
-            write_atomically(path, picture)
-            written.append(Slice(axis, index, position, path))
+            write_atomically(path, made.picture)
+            written.append(Slice(index, path, replace(made, picture=b"")))
         return written
 
     return [one for some in shared(drawn, len(planes)) for one in some]
@@ -92,8 +126,8 @@ def cut(
     field: str = "phi",
     format: Format = SINGLE,
     unit_label: str = "",
-) -> tuple[bytes, float]:
-    """PNG of the field across `axis` at `at` (normalised), and that position in input units."""
+) -> Cut:
+    """The field across `axis` at `at` (normalised) as PNG."""
     place = AXES.index(axis)
     right, up = (AXES.index(name) for name in ACROSS[axis])
     sides = box[1] - box[0]
@@ -109,9 +143,11 @@ def cut(
     corners = similarity.to_input(points[[0, -1], [0, -1]])
     # Fields but P are lengths; the frame's scale turns them into the input's units.
     length = 1.0 if field == "P" else 1.0 / similarity.scale
+    (left, end), (bottom, top) = corners[:, right].tolist(), corners[:, up].tolist()
+    extent = (left, end, bottom, top)
     picture = slice_image(
         values * length,
-        (*corners[:, right], *corners[:, up]),
+        extent,
         axis=axis,
         at=float(corners[0, place]),
         field=field,
@@ -119,7 +155,7 @@ def cut(
         limit=1.0 if field == "P" else LIMIT * length,
         format=format,
     )
-    return picture, float(corners[0, place])
+    return Cut(picture, axis, float(corners[0, place]), extent, plot_box(extent, format))
 
 
 def _refined(

@@ -84,6 +84,10 @@ class Artifacts(ABC):
     def input(self, job_id: str, attempt: int) -> Path:
         """The input as a file on this machine, for this attempt; raises FileNotFoundError."""
 
+    @abstractmethod
+    def given(self, job_id: str) -> tuple[str, Blob]:
+        """The suffix and the bytes of the input; raises FileNotFoundError."""
+
     # Results
 
     @abstractmethod

@@ -123,6 +123,11 @@ class ObjectArtifacts(Artifacts):
         self._bucket.fetch(entry, path)
         return path
 
+    def given(self, job_id: str) -> tuple[str, Blob]:
+        """The suffix and the bytes of the input."""
+        entry = self._input(job_id)
+        return Path(entry.key).suffix, ObjectBlob(self._bucket, entry, self._link_seconds)
+
     def _input(self, job_id: str) -> Entry:
         for entry in self._bucket.children(_folder(job_id))[1]:
             if entry.key.rpartition("/")[2].startswith("input."):

@@ -129,6 +129,29 @@ BY_SUFFIX: dict[str, type[Published]] = {
 Index = Annotated[int, Path(ge=0, le=9999, description="From 0, along the axis.")]
 
 
+@router.get(
+    "/jobs/{job_id}/input",
+    response_class=Ply,
+    responses=problems("job.not_found", "job.expired", "artifact.not_found", "request.range"),
+)
+def input_file(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
+    """What was uploaded, byte by byte; of an extraction the field that it works on."""
+    job, suffix, blob = state.jobs.input_of(caller, job_id)
+    tag = f'"{job.input.sha256}"' if job.input else '""'
+    headers = {"Cache-Control": "private, max-age=31536000, immutable", "ETag": tag}
+    if tag in request.headers.get("if-none-match", ""):
+        return Response(status_code=304, headers=headers)
+    # Never inline: a browser must not make a page of what somebody has uploaded.
+    headers["X-Content-Type-Options"] = "nosniff"
+    name = f"{job_id[:8]}-input{suffix}"
+    plain = "application/octet-stream"
+    if blob.path is not None:
+        return Ply(blob.path, headers=headers, filename=name, media_type=plain)
+    # Nor by a link: the store would not say so.
+    headers["Content-Disposition"] = f'attachment; filename="{name}"'
+    return passed(blob, request, headers, plain)
+
+
 @router.get("/jobs/{job_id}/mesh.glb", response_class=Glb, responses=_FILE)
 def mesh_glb(job_id: JobId, request: Request, caller: CallerDep, state: StateDep) -> Response:
     """The mesh as binary glTF."""

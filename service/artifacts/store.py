@@ -124,6 +124,11 @@ class ArtifactStore(Artifacts):
             return path
         raise FileNotFoundError(job_id)
 
+    def given(self, job_id: str) -> tuple[str, Blob]:
+        """The suffix and the bytes of the input; raises FileNotFoundError."""
+        path = self.input(job_id)
+        return path.suffix, FileBlob(path)
+
     # Results
 
     def work(self, job_id: str, attempt: int) -> Path:

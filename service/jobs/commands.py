@@ -15,7 +15,7 @@ from redis import Redis
 from mpf_core.extraction_options import extraction_from, extraction_to_mapping
 from mpf_core.options import options_from, options_to_mapping
 from service.access.caller import Caller
-from service.artifacts.base import Artifacts, StoreUnavailable
+from service.artifacts.base import Artifacts, Blob, StoreUnavailable
 from service.jobs.index_store import Place
 from service.jobs.lease import Refused
 from service.jobs.model import EXTRACTION, Job, JobState, new_job_id
@@ -103,6 +103,14 @@ class JobCommands:
         if name not in job.artifacts:
             raise Problem("artifact.not_found", f"job {job_id} has no {name}")
         return job
+
+    def input_of(self, caller: Caller, job_id: str) -> tuple[Job, str, Blob]:
+        """The job and the file that it works on, with its suffix; raises Problem if it is gone."""
+        job = self.get(caller, job_id)
+        try:
+            return job, *self._artifacts.given(job.id)
+        except FileNotFoundError as error:
+            raise Problem("artifact.not_found", f"job {job_id} has lost its input") from error
 
     def preview_of(self, caller: Caller, job_id: str) -> bytes:
         """The latest mesh of the unfinished fit; raises Problem if there is none."""

@@ -138,7 +138,10 @@ def job_out(job: Job, position: int | None = None, eta: float | None = None) -> 
             for name, file in job.artifacts.items()
         },
         links={"self": f"/jobs/{job.id}"}
-        | {name: f"/jobs/{job.id}/{name}" for name in ("cancel", "retry", "extractions", "events")}
+        | {
+            name: f"/jobs/{job.id}/{name}"
+            for name in ("input", "cancel", "retry", "extractions", "events")
+        }
         | ({"preview": f"/jobs/{job.id}/preview.glb"} if job.shown else {}),
     )
 

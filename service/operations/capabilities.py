@@ -34,6 +34,15 @@ class Uploads(BaseModel):
     seconds: float = Field(description="For which an interrupted upload waits, s.")
 
 
+class Rate(BaseModel):
+    """How fast fits have gone here."""
+
+    points_per_second: float | None = Field(
+        description="Samples at which a fit evaluates its field; None before the first. A step of "
+        "one takes `surface_points` + `near_points` + `far_points` of them, and some more."
+    )
+
+
 class CodeOut(BaseModel):
     """A problem code with its HTTP status."""
 
@@ -47,14 +56,15 @@ class Capabilities(BaseModel):
     formats: list[str]
     limits: Limits
     uploads: Uploads
+    rate: Rate
     presets: dict[str, dict[str, Any]]
     options: dict[str, Any] = Field(description="JSON Schema of `options`.")
     extraction: dict[str, Any] = Field(description="JSON Schema of an extraction's `options`.")
     problems: dict[str, CodeOut]
 
 
-def capabilities(settings: Settings) -> Capabilities:
-    """As this instance is set up."""
+def capabilities(settings: Settings, points_per_second: float | None) -> Capabilities:
+    """As this instance is set up, and at which rate it has fitted lately."""
     return Capabilities(
         formats=["ply", "xyz"],
         limits=Limits(
@@ -68,6 +78,7 @@ def capabilities(settings: Settings) -> Capabilities:
             retention_seconds=settings.retention_seconds,
         ),
         uploads=Uploads(tus="1.0.0", href="/uploads", seconds=settings.resumable_seconds),
+        rate=Rate(points_per_second=points_per_second),
         presets={name: options_to_mapping(preset) for name, preset in PRESETS.items()},
         options=options_schema(),
         extraction=extraction_schema(),

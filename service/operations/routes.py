@@ -56,4 +56,4 @@ def metrics(state: StateDep, _caller: CallerDep) -> PlainTextResponse:
 @router.get("/capabilities", responses=problems("access.denied"))
 def capabilities(state: StateDep, _caller: CallerDep) -> Capabilities:
     """Formats, limits, presets, the options' JSON Schema, and all problem codes."""
-    return capabilities_of(state.settings)
+    return capabilities_of(state.settings, state.rate.points_per_second())

@@ -1,4 +1,5 @@
-"""Which workers are alive and what they can do, by the clock of Redis."""
+"""What workers tell of themselves: who is alive, by the clock of Redis, what they can do, how fast
+fits go."""
 
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ ALIVE_SECONDS = 15.0
 FORGET_SECONDS = 3600.0
 _SIGNATURES = "mpf:workers"
 _ENTRIES = "mpf:workers:about"
+_RATE = "mpf:rate"
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,31 @@ class Turns:
             return True
         taken: Any = self._redis.set(f"mpf:turn:{name}", "", nx=True, px=int(seconds * 1000))
         return bool(taken)
+
+
+class FitRate:
+    """At which rate fits have gone here, so that the next one's time can be told."""
+
+    NEWEST = 0.5
+    """Share of the newest fit; machines change, and one fit may have shared its cores."""
+
+    def __init__(self, redis: Redis):
+        self._redis = redis
+
+    def note(self, points_per_second: float) -> None:
+        """A fit has ended that evaluated its field at so many samples a second."""
+        before = self.points_per_second()
+        mixed = (
+            points_per_second
+            if before is None
+            else before + self.NEWEST * (points_per_second - before)
+        )
+        self._redis.set(_RATE, repr(mixed))
+
+    def points_per_second(self) -> float | None:
+        """Over the last fits; None before the first."""
+        found: Any = self._redis.get(_RATE)
+        return float(found) if found is not None else None
 
 
 def _entry(told: dict[str, Any]) -> WorkerEntry:

@@ -61,6 +61,9 @@ def test_from_the_upload_to_the_files_and_their_removal(place: Place, client: Te
         job = ended(client, job_id)
         assert job["state"] == "succeeded", job
         assert "result-1.json" in place.of(job_id)
+        sent = client.get(f"/jobs/{job_id}/input")
+        assert hashlib.sha256(sent.content).hexdigest() == job["input"]["sha256"]
+        assert sent.headers["content-disposition"].startswith("attachment")
         files_are_served(client, job)
         again = client.post(f"/jobs/{job_id}/retry").json()["id"]
         taken = client.post(f"/jobs/{job_id}/extractions").json()["id"]

@@ -11,6 +11,8 @@ import pytest
 from starlette.testclient import TestClient
 
 from service.app import create_app
+from service.connection import connect
+from service.operations.store import FitRate
 from service.settings import Settings
 from tests.services import running_worker, sphere_xyz, wait_for
 
@@ -53,6 +55,37 @@ def test_a_bare_body_becomes_files_with_tags_ranges_and_an_archive(
     assert 'mpf_jobs{state="succeeded"} 1' in figures
     assert 'mpf_jobs_ended_total{state="succeeded",code=""} 1' in figures
     assert "mpf_queue_oldest_seconds 0" in figures
+
+
+def test_the_input_comes_back_to_its_owner_byte_by_byte(client: TestClient) -> None:
+    cloud = sphere_xyz()
+    raw = {"Content-Type": "application/octet-stream"}
+    job = client.post("/jobs", params={"name": "ok.xyz"}, headers=raw, content=cloud).json()
+    whole = client.get(job["links"]["input"])
+    assert (whole.status_code, whole.content) == (200, cloud)
+    # A browser must not make a page of it, whatever is in it.
+    assert whole.headers["content-disposition"].startswith("attachment")
+    assert whole.headers["content-type"] == "application/octet-stream"
+    assert whole.headers["x-content-type-options"] == "nosniff"
+    known = client.get(job["links"]["input"], headers={"If-None-Match": whole.headers["etag"]})
+    assert known.status_code == 304
+    part = client.get(job["links"]["input"], headers={"Range": "bytes=3-7"})
+    assert (part.status_code, part.content) == (206, cloud[3:8])
+    link = client.post(f"/jobs/{job['id']}/shares").json()["href"]
+    assert client.get(f"{link}/input").status_code in (404, 409)
+    client.delete(f"/jobs/{job['id']}")
+    assert client.get(job["links"]["input"]).json()["code"] == "job.not_found"
+
+
+def test_the_rate_of_fits_is_told_once_there_was_one(
+    client: TestClient, settings: Settings
+) -> None:
+    assert client.get("/capabilities").json()["rate"] == {"points_per_second": None}
+    redis = connect(settings)
+    FitRate(redis).note(1000.0)
+    FitRate(redis).note(3000.0)
+    redis.close()
+    assert client.get("/capabilities").json()["rate"] == {"points_per_second": 2000.0}
 
 
 def test_capabilities_tell_limits_before_an_upload(client: TestClient) -> None:

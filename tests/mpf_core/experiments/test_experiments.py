@@ -11,11 +11,12 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from mpf_core.errors import NoSurface
-from mpf_core.experiments import presets, suite, tables, trial
+from mpf_core.experiments import ablation, presets, running, suite, tables, trial
+from mpf_core.experiments.asked import Asked
 from mpf_core.experiments.cli import EXPERIMENTS, experiment
 from mpf_core.experiments.shapes import SHAPES, shape
 from mpf_core.experiments.trial import METHODS, Outcome, Trial
-from mpf_core.options import options_from
+from mpf_core.options import options_from, options_to_mapping
 from mpf_core.surface.mesh import Mesh
 
 Points = NDArray[np.float64]
@@ -77,7 +78,7 @@ def test_a_scan_is_measured_by_its_own_points(tmp_path: Path) -> None:
 
 
 def test_keys_tell_trials_apart() -> None:
-    every = [t for name in suite.EXPERIMENTS for t in suite.EXPERIMENTS[name].trials(False)]
+    every = [t for name in suite.EXPERIMENTS for t in suite.EXPERIMENTS[name].trials(Asked())]
     seeded = [s for t in every for s in t.seeded(2)]
     assert len({t.key for t in seeded}) == len(set(seeded))
 
@@ -86,18 +87,59 @@ def test_keys_tell_trials_apart() -> None:
 def test_every_experiment_can_be_asked_for(name: str, tmp_path: Path) -> None:
     assert name in EXPERIMENTS
     for quick in (True, False):
-        made = suite.trials(name, quick=quick, seeds=3, preset=None, budget=20.0)
+        made = suite.trials(name, Asked(quick=quick, seeds=3, budget=20.0))
         assert all(t.shape in SHAPES for t in made)
         assert {t.seed for t in made} == ({0} if quick else {0, 1, 2})
-        labels = [t.label for t in made if t.seed == 0]
+        labels = [(t.label, t.method) for t in made if t.seed == 0]
         assert len(labels) == len(set(labels))
-        assert options_from(dict(made[0].options)).fit.time_budget == 20.0
+        for one in made:
+            if one.is_fit:
+                assert options_from(dict(one.options)).fit.time_budget == 20.0
     for file in (*presets.BODIES, presets.FLOWER, presets.HELMET):
         (tmp_path / file).touch()
-    full = suite.trials(
-        name, quick=False, seeds=1, preset=None, budget=None, meshes=tmp_path, clouds=tmp_path
-    )
+    full = suite.trials(name, Asked(meshes=tmp_path, clouds=tmp_path))
     assert set(suite.EXPERIMENTS[name].paper) <= {t.label for t in full}
+
+
+def test_every_name_of_the_command_is_an_experiment() -> None:
+    assert set(EXPERIMENTS) == suite.EXPERIMENTS.keys() | running.MEASUREMENTS.keys()
+
+
+def test_every_method_can_be_found(tmp_path: Path) -> None:
+    every = [t for name in suite.EXPERIMENTS for t in suite.EXPERIMENTS[name].trials(Asked())]
+    assert {t.method for t in every} <= running.methods(tmp_path).keys()
+
+
+def test_anyones_files_take_the_place_of_the_shapes(tmp_path: Path) -> None:
+    for file in ("chair.obj", "scan.xyz", "notes.md"):
+        (tmp_path / file).touch()
+    own = suite.trials("shapes", Asked(meshes=tmp_path, clouds=tmp_path))
+    assert [Path(t.shape).name for t in own] == ["chair.obj", "scan.xyz"]
+
+
+def test_iterations_and_points_that_are_asked_for() -> None:
+    asked = Asked(iterations=300, points=128, resolution=96)
+    for one in suite.trials("beta", asked):
+        options = options_from(dict(one.options))
+        fit = options.fit
+        assert options.surface.resolution == 96
+        assert (fit.max_iterations, fit.learning_rate) == (300, 5e-5)
+        assert (fit.surface_points, fit.near_points, fit.far_points) == (128, 128, 128)
+        assert fit.laplacian_points == 128
+    assert "--iterations=300 --points=128 --resolution=96" in asked.command("beta")
+
+
+def test_an_ablation_changes_one_thing_at_a_time() -> None:
+    for preset in ("balanced", "paper"):
+        made = suite.trials("ablation", Asked(preset=preset))
+        base = options_to_mapping(options_from(dict(made[0].options)))
+        of_wave = [t for t in made if t.shape == "wave"]
+        for one in of_wave[1:]:
+            options = options_to_mapping(options_from(dict(one.options)))
+            assert any(options[name] != base[name] for name in dict(one.options)), one.label
+        terms = [t.label for t in of_wave if "λ" in t.label and "×" in t.label]
+        assert len(terms) == 2 * len(ablation.TERMS)
+        assert ("wave, no warm start" in {t.label for t in of_wave}) is (preset == "balanced")
 
 
 def test_table_has_means_spreads_and_citations(tmp_path: Path) -> None:
@@ -130,7 +172,7 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told = CliRunner().invoke(experiment, arguments)
     assert told.exit_code == 0, told.output
     assert "| wave, 0.5 % | mpf | " in told.output
-    assert "`mpf experiment noise --quick --seeds=1` on" in told.output
+    assert "`mpf experiment noise --quick` on" in told.output
     assert {p.name for p in out.iterdir()} == {
         "rows", "meshes", "table.md", "rows.json", "sheet.png",
     }  # fmt: skip
@@ -150,8 +192,8 @@ def test_command_says_what_is_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.slow
-def test_the_quick_form_of_a_real_experiment(tmp_path: Path) -> None:
-    pytest.importorskip("mpf_core.pipeline")
-    told = CliRunner().invoke(experiment, ["thickness", "--quick", "--out", str(tmp_path)])
+@pytest.mark.parametrize("name", ["thickness", "ablation", "phase-only"])
+def test_the_quick_form_of_a_real_experiment(tmp_path: Path, name: str) -> None:
+    told = CliRunner().invoke(experiment, [name, "--quick", "--out", str(tmp_path)])
     assert told.exit_code == 0, told.output
     assert (tmp_path / "sheet.png").is_file()

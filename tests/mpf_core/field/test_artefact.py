@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,19 @@ def fitted(width: int = 16, samples: int = 300, *, colors: bool = False) -> Fitt
     )
     box = np.array([[-1.05, -1.05, -0.7], [1.05, 1.05, 1 / 3]])
     return FittedField(field, Similarity(UTM, 0.1 + 1e-17 + 1 / 7), box, footprint)
+
+
+@pytest.mark.parametrize("composite", ["product", "phase"])
+def test_the_phi_of_an_ablation_stays_what_it_was(tmp_path: Path, composite: str) -> None:
+    plain = fitted()
+    assert b"composite" not in field_bytes(plain)
+    other = MetricPhaseField(width=16, omega=7.0, composite=composite)
+    save_field(replace(plain, field=other), tmp_path / "field.safetensors")
+    after = load_field(tmp_path / "field.safetensors")
+    assert after.field.composite == composite
+    for name in NAMES:
+        x = np.random.default_rng(0).uniform(-1, 1, (50, 3))
+        assert np.array_equal(field_of(other, name)(x), field_of(after.field, name)(x))
 
 
 @pytest.mark.parametrize("colors", [True, False])
@@ -171,6 +185,7 @@ NAN, INFINITE = float("nan"), float("inf")
         *({"width": w} for w in (0, 7, 1025, 17, 10**9, "16", None)),
         *({"omega": v} for v in (0, -1, NAN, INFINITE, "7", None, [7])),
         {"softplus_slope": NAN},
+        *({"composite": c} for c in ("sum", "", None, 1, ["phase"])),
         *({"center": c} for c in ([], [1, 2], [1, 2, NAN], [1, 2, 1e308], "abc", [[1], 2, 3])),
         *({"scale": s} for s in (0, -1, NAN, INFINITE, 1e-300, 1e300)),
         *({"box": b} for b in ([], [[0] * 3] * 2, [[1] * 3, [-1] * 3], [[-9] * 3, [9] * 3], 5)),

@@ -33,7 +33,12 @@ def plainly(field: MetricPhaseField, x: Tensor, name: str) -> Tensor:
     r = torch.log1p(torch.exp(field.softplus_slope * raw)) / field.softplus_slope
     theta = phase @ net.phase_output + net.phase_offset
     indicator = torch.tanh(field.beta * theta)
-    return {"r": r, "theta": theta, "indicator": indicator, "phi": r * indicator + theta}[name]
+    phi = {
+        "residual": r * indicator + theta,
+        "product": r * indicator,
+        "phase": indicator,
+    }[field.composite]
+    return {"r": r, "theta": theta, "indicator": indicator, "phi": phi}[name]
 
 
 def by_autograd(field: MetricPhaseField, x: Tensor, name: str) -> tuple[Tensor, Tensor, Tensor]:
@@ -66,6 +71,22 @@ def test_jets_equal_autograd(field: MetricPhaseField, name: str, order: Order) -
         assert (jet.laplacian - laplacian).abs().max() < TOLERANCE * scale
     else:
         assert jet.laplacian is None
+
+
+@pytest.mark.parametrize("composite", ["product", "phase"])
+def test_what_ablations_put_in_the_place_of_phi(field: MetricPhaseField, composite: str) -> None:
+    field.composite = composite
+    value, gradient, laplacian = by_autograd(field, points(), "phi")
+    jet = field(points(), Order.LAPLACIAN).phi
+    scale = 1 + laplacian.detach().abs().max()
+    assert (jet.value - value).abs().max() < TOLERANCE
+    assert (jet.gradient - gradient).abs().max() < TOLERANCE * (1 + gradient.abs().max())
+    assert (jet.laplacian - laplacian).abs().max() < TOLERANCE * scale
+
+
+def test_an_unknown_composite_is_refused() -> None:
+    with pytest.raises(ValueError, match="sum"):
+        MetricPhaseField(width=8, composite="sum")(points(2).float())
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])

@@ -49,9 +49,9 @@ def test_a_sheet_becomes_a_closed_shell_through_the_samples(start: Start) -> Non
     at = points[inner]
     for depth, theta in (
         (0.0, 0.0),
-        (SHELL, -SHELL),
-        (2 * SHELL, 0.0),
-        (0.5 * SHELL, -0.5 * SHELL),
+        (plate.shell, -plate.shell),
+        (2 * plate.shell, 0.0),
+        (0.5 * plate.shell, -0.5 * plate.shell),
     ):
         found = plate.at(at - depth * normals[inner])
         assert found.theta == pytest.approx(theta, abs=2e-4)

@@ -48,6 +48,7 @@ def test_half_of_a_sheet_is_missing() -> None:
     assert result.hausdorff == pytest.approx(1.0)
     # Recall is ½ (plus the strip within 0.01 of the edge), precision 1.
     assert result.f_score_010 == pytest.approx(2 * 0.505 / 1.505, abs=1e-3)
+    assert result.f_score_005 == pytest.approx(2 * 0.5025 / 1.5025, abs=1e-3)
 
 
 def test_a_square_against_a_tilted_one() -> None:

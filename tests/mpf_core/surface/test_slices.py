@@ -83,8 +83,9 @@ def test_files_and_positions(tmp_path: Path) -> None:
         ball, Frame(), box, 2, tmp_path, format=Format(samples=64), unit_label="m"
     )
     names = {str(s.path.relative_to(tmp_path)) for s in written}
+    assert all(s.path.parent.name == s.cut.axis for s in written)
     assert names == {f"slices/{a}/{k}.png" for a in "xyz" for k in (0, 1)}
-    at = {(s.axis, s.index): s.at for s in written}
+    at = {(s.cut.axis, s.index): s.cut.at for s in written}
     assert at["x", 0] == pytest.approx(CENTER[0] - 12.5)
     assert at["z", 1] == pytest.approx(CENTER[2] + 7.5)
     assert all(Image.open(s.path).format == "PNG" for s in written)
@@ -98,12 +99,32 @@ def test_cut_asks_for_the_plane_only() -> None:
         return ball(points)
 
     box = np.array([[-1.0, -1, -0.5], [1.0, 1, 0.5]])
-    _, at = cut(remember, Frame(), box, "y", 0.25, format=Format(samples=65))
+    at = cut(remember, Frame(), box, "y", 0.25, format=Format(samples=65)).at
     points = np.concatenate(asked)
     assert len(np.unique(points, axis=0)) == len(points) < 65 * 33
     assert (points[:, 1] == 0.25).all()
     assert points[:, [0, 2]].min(axis=0).tolist() == [-1, -0.5]
     assert at == pytest.approx(CENTER[1] + 0.25 / 0.04)
+
+
+@pytest.mark.parametrize("format", [STACK, Format(samples=65)])
+def test_a_cut_says_where_its_plot_lies(format: Format) -> None:
+    box = np.array([[-1.0, -1, -0.5], [1.0, 1, 0.5]])
+    made = cut(ball, Frame(), box, "y", 0.0, format=format)
+    corners = Frame().to_input(box)
+    assert made.extent == pytest.approx((*corners[:, 0], *corners[:, 2]))
+    left, top, width, height = made.plot
+    image = pixels(made.picture)
+    # The frame is drawn around the plot, and the middle of the ball is the middle of the plot.
+    around = image[top - 1 : top + height + 1, left - 1 : left + width + 1]
+    assert (around[0] == around[0, 0]).all() and (around[:, -1] == around[0, 0]).all()
+    assert width / height == pytest.approx(2.0, abs=0.02)
+    inside = image[top : top + height, left : left + width].astype(int)
+    # Blue within, red beyond: symmetric about the middle.
+    blue = inside[..., 2] > inside[..., 0] + 20
+    rows, columns = np.nonzero(blue)
+    assert rows.mean() == pytest.approx((height - 1) / 2, abs=1.0)
+    assert columns.mean() == pytest.approx((width - 1) / 2, abs=1.0)
 
 
 def test_only_the_neighbourhood_of_the_zero_level_is_sampled_finely() -> None:

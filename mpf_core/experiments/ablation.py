@@ -1,0 +1,96 @@
+"""What each part is worth: one term, one addition, one β at a time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpf_core.experiments.asked import QUICK_POINTS, SETS, Asked
+from mpf_core.experiments.trial import Trial
+from mpf_core.options import PRESETS
+
+SHAPES = (("wave", 10_000), ("cube-sheet", 10_000), ("plate-0.05", 10_000))
+TERMS = ("align", "normal", "lap", "phase", "far", "eik_r", "eik_phi", "zero")
+FACTORS = (0.0, 10.0)
+
+# What `balanced` has that the paper has not, each with what takes its place. Those without an
+# option of their own (sides and orientation known from the start, the band in local-fit distance)
+# come with the warm start and go with it.
+ADDITIONS: dict[str, dict[str, Any]] = {
+    "no warm start": {"warm_start": False, "warm_fraction": 0.0, "align_from": 0.3},
+    "Adam for Muon": {"optimizer": "adam"},
+    "constant rates": {"schedule": "constant", "terms_rate": 1.0},
+    "full rates for the terms": {"terms_rate": 1.0},
+    "λ phase of the paper": {"weight_phase": 0.002},
+    "λ normal of the paper": {"weight_normal": 0.15},
+    "ω₀ = 30": {"omega": 30.0},
+    "last state, not the best": {"patience": 0.0},
+    "φ = r·P, no residual": {"composite": "product"},
+}
+# The paper's Table 4, a mean over shapes that it does not name.
+_TABLE_4 = {
+    "as it is": "1.99",
+    "λ align × 10": "2.31",
+    "λ align × 0": "6.29",
+    "λ normal × 10": "2.57",
+    "λ normal × 0": "2.33",
+    "λ lap × 10": "2.17",
+    "λ lap × 0": "4.19",
+    "λ phase × 10": "2.08",
+    "λ phase × 0": "10.68",
+}
+CITED = {f"{shape}, {label}": value for shape, _ in SHAPES for label, value in _TABLE_4.items()}
+
+BETAS, BETAS_ALONE = (1.0, 50.0, 100.0, 500.0), (0.01, 1.0, 50.0)
+THIN = "plate-0.05"
+
+
+def terms(asked: Asked) -> list[Trial]:
+    """Each λ at 0, 1 and 10 times, then each addition left out, from the preset asked for."""
+    preset = asked.preset or "balanced"
+    changed: dict[str, dict[str, Any]] = {"as it is": {}}
+    for name in TERMS:
+        weight = getattr(PRESETS[preset].fit, f"weight_{name}")
+        for factor in FACTORS:
+            changed[f"λ {name} × {factor:g}"] = {f"weight_{name}": factor * weight}
+    if preset != "paper":
+        changed |= ADDITIONS
+    shapes = SHAPES[:1] if asked.quick else SHAPES
+    if asked.quick:
+        kept = ("as it is", "φ = r·P, no residual")
+        changed = {label: changed[label] | dict.fromkeys(SETS, 64) for label in kept}
+    return [
+        _trial(f"{shape}, {label}", shape, QUICK_POINTS if asked.quick else points, own)
+        for shape, points in shapes
+        for label, own in changed.items()
+    ]
+
+
+def betas(asked: Asked) -> list[Trial]:
+    """A thin plate with β from 1 to 500 in the paper's recipe, watched on the way."""
+    return [
+        _thin(f"β = {beta:g}", {"beta": beta}, asked, "course")
+        for beta in (BETAS[:2] if asked.quick else BETAS)
+    ]
+
+
+def phase_only(asked: Asked) -> list[Trial]:
+    """A thin plate with φ = P for several β, beside the paper's φ."""
+    made = [
+        _thin(f"φ = P, β = {beta:g}", {"beta": beta, "composite": "phase"}, asked)
+        for beta in (BETAS_ALONE[-1:] if asked.quick else BETAS_ALONE)
+    ]
+    return [*made, _thin("φ = r·P + θ, β = 50", {}, asked)]
+
+
+def _thin(label: str, own: dict[str, Any], asked: Asked, method: str = "mpf") -> Trial:
+    """The thin plate in the paper's recipe; a quick run's is a small form of it."""
+    own = {"preset": "paper", "slices": 0, **own}
+    if asked.quick:
+        own |= {"max_iterations": 60, "width": 32, "resolution": 64}
+        own |= dict.fromkeys(SETS, 64)
+        own |= {"laplacian_points": 64}
+    return _trial(label, THIN, QUICK_POINTS if asked.quick else 10_000, own, method)
+
+
+def _trial(label: str, shape: str, points: int, own: dict[str, Any], method: str = "mpf") -> Trial:
+    return Trial(label, shape, points, method=method, options=tuple(sorted(own.items())))
