@@ -146,8 +146,8 @@ def simulate(jobs: Sequence[Arrival] | Iterator[Arrival], pool: Pool) -> Outcome
     return outcome
 
 
-# What jobs take on a worker with two cores: of fits the presets' budgets, which are upper bounds, and
-# two seconds for a process of its own; of extractions an assumption.
+# What jobs take on a worker with two cores: of fits the presets' budgets, which are upper bounds,
+# and two seconds for a process of its own; of extractions an assumption.
 START_SECONDS = 2.0
 DRAFT, BALANCED = 55.0 + START_SECONDS, 165.0 + START_SECONDS
 MIX = (
