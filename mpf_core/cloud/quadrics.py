@@ -29,7 +29,8 @@ BETTER = 0.999  # of the error, at most, that a wider kernel must leave to be ta
 OUTLYING = 3.0  # medians of the errors, beyond which they count no more: edges and rims
 PROBES = 3000  # samples at which kernels are judged
 PAIRS = 12_000_000  # of points and neighbours: what a fit to all may cost, some seconds
-CHUNK = 2048
+AT_ONCE = 400_000  # of them on each thread: some 150 MB of temporaries
+CHUNK = 8192  # rows on each thread, of whoever has few neighbours
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -91,7 +92,7 @@ def fitted(
         fit = _quadric(offset, samples.normals[index], directions[part], scale[part], width)
         normals[part], curvature[part], height[part], leverage[part] = fit
 
-    in_parts(work, size, threads)
+    in_parts(work, size, threads, min(CHUNK, AT_ONCE // count))
     return Quadrics(normals, curvature, height, leverage)
 
 
@@ -157,8 +158,8 @@ def _quadric(
     )
 
 
-def in_parts(work: Callable[[slice], None], count: int, threads: int) -> None:
+def in_parts(work: Callable[[slice], None], count: int, threads: int, chunk: int = CHUNK) -> None:
     """Run `work` on slices that cover `count` rows, on threads: NumPy lets go of the lock."""
-    parts = [slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]
+    parts = [slice(start, min(start + chunk, count)) for start in range(0, count, chunk)]
     with ThreadPoolExecutor(max_workers=threads if threads > 0 else None) as pool:
         list(pool.map(work, parts))
