@@ -50,7 +50,7 @@ from mpf_core.surface.resolution import shell_of
 from mpf_core.watch import Watch
 
 # Shares of the time budget, between which what is kept for extraction, report and writing lies.
-LEAST_KEPT, MOST_KEPT = 0.05, 0.4
+LEAST_KEPT, MOST_KEPT = 0.05, 0.55
 PADDING = 0.05  # of the normalised frame, around the samples
 
 
