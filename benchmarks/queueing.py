@@ -146,8 +146,8 @@ def simulate(jobs: Sequence[Arrival] | Iterator[Arrival], pool: Pool) -> Outcome
     return outcome
 
 
-# What jobs take on a worker with two cores. Budgets of the presets are the upper bound of a fit;
-# a process of its own costs about two seconds of start besides.
+# What jobs take on a worker with two cores: of fits the presets' budgets, which are upper bounds,
+# and two seconds for a process of its own; of extractions an assumption.
 START_SECONDS = 2.0
 DRAFT, BALANCED = 55.0 + START_SECONDS, 165.0 + START_SECONDS
 MIX = (
@@ -155,7 +155,7 @@ MIX = (
     Kind("fit-small", DRAFT, 0.1, 0.5),
     Kind("fit-small", BALANCED, 0.1, 0.3),
 )
-CORES, MEMORY_GIB = 2, 4.0
+CORES = 2
 QUEUES = ("extract", "fit-small")
 
 
