@@ -24,7 +24,7 @@ class FitOptions:
     """How the field is fitted. Defaults are those of `balanced`."""
 
     max_iterations: int = option(
-        2000, "Cap on optimiser steps.", low=1, high=200_000, unit="iterations", expert=False
+        3000, "Cap on optimiser steps.", low=1, high=200_000, unit="iterations", expert=False
     )
     time_budget: float = option(
         165.0,
@@ -270,7 +270,7 @@ PRESETS: dict[str, Options] = {
     "draft": Options(
         preset="draft",
         fit=FitOptions(
-            max_iterations=1200,
+            max_iterations=1600,
             time_budget=55.0,
             surface_points=512,
             near_points=512,
