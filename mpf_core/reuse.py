@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from mpf_core.errors import OptionsError, OutsideBox
@@ -78,8 +79,10 @@ def inside(fitted: FittedField, axis: str, at: float) -> float:
     corners = fitted.similarity.to_input(fitted.box)[:, column]
     place = float((at - fitted.similarity.center[column]) * fitted.similarity.scale)
     low, high = fitted.box[:, column]
-    # The corners in the input's units, as they are printed and given back, count as inside.
+    # The corners in the input's units, as they are printed and given back, count as inside: ten
+    # digits are 1e-9 of a coordinate far from the origin.
     slack = 1e-6 * float((fitted.box[1] - fitted.box[0]).max())
+    slack += 1e-9 * float(np.abs(corners).max()) * fitted.similarity.scale
     if not low - slack <= place <= high + slack:
         raise OutsideBox(
             f"{axis} = {at:.10g} lies outside the box of the field",

@@ -39,7 +39,8 @@ def chromium() -> str:
     return found
 
 
-@pytest.fixture(scope="session")
+# Of the package, not of the session: while Playwright runs, no other test may have an event loop.
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
     program = chromium()
     with sync_playwright() as playwright:
@@ -78,7 +79,7 @@ def watched(page: Page) -> list[str]:
     return wrong
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def served() -> Iterator[Served]:
     # Not tmp_path: a unix socket's path must be short.
     with tempfile.TemporaryDirectory(prefix="mpf-") as folder:
@@ -88,13 +89,13 @@ def served() -> Iterator[Served]:
         service.stop()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def finished(served: Served) -> str:
     """A job that has succeeded."""
     return served.fitted(torus())
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def axe() -> str:
     """axe-core's script; npm's packages are brought in if they are not here."""
     if not AXE.is_file():
