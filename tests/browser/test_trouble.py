@@ -179,3 +179,20 @@ def test_everything_can_be_done_by_keyboard(page: Page, served: Served, finished
         "Surface for viewers", "Take the surface again", "Make a link", "Arrow keys",
     ):  # fmt: skip
         assert name in told, f"{name} is not reached by Tab: {told}"
+
+
+def test_long_polls_take_over_where_events_do_not_come_through(page: Page, served: Served) -> None:
+    """As behind a proxy that breaks every stream."""
+    page.route("**/events", lambda route: route.abort())
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+
+    def polls() -> list[str]:
+        page.wait_for_timeout(200)  # lets Playwright tell of requests
+        return [url for url in asked if "wait=" in url]
+
+    job = begin(page, served, **ENDLESS)
+    wait_for(polls, 60 * PATIENCE, "a long poll")
+    assert job in polls()[0]
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.locator(".state")).to_have_text("cancelled", timeout=30_000 * PATIENCE)
