@@ -17,7 +17,7 @@ from tests.services import form, wait_for
 
 
 def test_an_ended_job_expires_with_its_files_and_is_gone_later(settings: Settings) -> None:
-    brief = settings.model_copy(update={"retention_seconds": 0.2, "content_check_bytes": 0})
+    brief = settings.model_copy(update={"retention_seconds": 1.5, "content_check_bytes": 0})
     with TestClient(create_app(brief), base_url="http://localhost") as client:
         state = client.app.state.mpf  # type: ignore[attr-defined]
         retention = Retention(state.store, state.artifacts, brief)
