@@ -16,8 +16,8 @@ import numpy as np
 from tests.services import REPOSITORY, stop, wait_for
 
 TINY: dict[str, Any] = {
-    "preset": "draft", "max_iterations": 60, "time_budget": 600.0, "width": 32, "omega": 10, "resolution": 40,
-    "slices": 3,
+    "preset": "draft", "max_iterations": 60, "time_budget": 600.0, "width": 32, "omega": 10,
+    "resolution": 40, "slices": 3,
     "surface_points": 256, "near_points": 256, "far_points": 256, "start_points": 256,
 }  # fmt: skip
 """A fit of a second, on a machine that has one to spare."""
