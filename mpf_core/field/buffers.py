@@ -23,6 +23,10 @@ class Buffers:
         except (KeyError, IndexError):
             return torch.empty(shape, dtype=dtype)
 
+    def clear(self) -> None:
+        """Free what is not in use."""
+        self._idle.clear()
+
     def give(self, *arrays: Tensor) -> None:
         """Arrays that nobody looks at any more."""
         for array in arrays:

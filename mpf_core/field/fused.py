@@ -42,21 +42,15 @@ OF_THETA: dict[str, tuple[str, ...]] = {
 }
 
 
-def compilations(kept: torch.dtype) -> Iterator[Callable[[], None]]:
-    """What compiles, one after another, all that a fit with arrays kept in that type calls."""
-    for name, forms in FORMS.items():
+def compilations(kept: torch.dtype | None) -> Iterator[Callable[[], None]]:
+    """What compiles, one after another, all that a fit with arrays kept in that type calls, or all
+    that θ alone takes."""
+    for name, forms in (OF_THETA if kept is None else FORMS).items():
         for form in forms:
             yield _compilation(name, form, kept)
 
 
-def compilations_of_theta() -> Iterator[Callable[[], None]]:
-    """The same for θ alone."""
-    for name, forms in OF_THETA.items():
-        for form in forms:
-            yield _compilation(name, form, torch.float32)
-
-
-def _compilation(name: str, form: str, kept: torch.dtype) -> Callable[[], None]:
+def _compilation(name: str, form: str, kept: torch.dtype | None) -> Callable[[], None]:
     def of(code: str) -> Any:
         if code == "0":
             return types.none

@@ -9,6 +9,7 @@ All of it stands in one file, because the compiler's cache looks no further for 
 
 # Loops over numpy arrays have no types that mypy could check: the compiler checks them.
 # mypy: ignore-errors
+# ruff: noqa: ARG001, ARG005 — what is compiled for types takes arguments for their types alone
 from __future__ import annotations
 
 import llvmlite.binding as llvm
@@ -228,14 +229,17 @@ def slopes_back(t, c_bar, w_sum, c, w, g_bar):
     for i in range(n):
         p0, p1, p2 = g_bar[0, i, 0], g_bar[0, i, 1], g_bar[0, i, 2]
         r0, r1, r2 = g_bar[1, i, 0], g_bar[1, i, 1], g_bar[1, i, 2]
+        # Twice along the row: in one loop there are too many arrays to be told apart at run time.
         for j in range(h):
-            a0 = p0 * w[0, j] + p1 * w[1, j] + p2 * w[2, j]
-            a1 = r0 * w[0, j] + r1 * w[1, j] + r2 * w[2, j]
             t0, t1, cosine = _wide(t[i, 0, j]), _wide(t[i, 1, j]), _wide(c[i, j])
-            c_bar[i, j] = _kept(t0 * a0 + t1 * a1, c_bar)
             w_sum[0, j] += (p0 * t0 + r0 * t1) * cosine
             w_sum[1, j] += (p1 * t0 + r1 * t1) * cosine
             w_sum[2, j] += (p2 * t0 + r2 * t1) * cosine
+        for j in range(h):
+            a0 = p0 * w[0, j] + p1 * w[1, j] + p2 * w[2, j]
+            a1 = r0 * w[0, j] + r1 * w[1, j] + r2 * w[2, j]
+            cosine = _wide(c[i, j])
+            c_bar[i, j] = _kept(_wide(t[i, 0, j]) * a0 + _wide(t[i, 1, j]) * a1, c_bar)
             t[i, 0, j] = _kept(a0 * cosine, t)
             t[i, 1, j] = _kept(a1 * cosine, t)
 

@@ -120,9 +120,7 @@ def bent(d: Tensor, q: Tensor, s: Tensor, c: Tensor) -> None:
     d[:, 3].copy_(c * wide[:, 3] - s * squared)
 
 
-def bent_back(
-    d_bar: Tensor, bar: Tensor, b_sum: Tensor, q: Tensor, s: Tensor, c: Tensor
-) -> None:
+def bent_back(d_bar: Tensor, bar: Tensor, b_sum: Tensor, q: Tensor, s: Tensor, c: Tensor) -> None:
     """d_bar, bar: q̄ and z̄ of sin and `bent`, from d̄ and s̄ in their places; and z̄'s sum."""
     q_bar, z_bar = _bent_back(_wide(d_bar), _wide(bar), _wide(q), _wide(s), _wide(c))
     b_sum.add_(z_bar.sum(0))

@@ -1,4 +1,4 @@
-"""Which functions do the pointwise work of a sweep: `fused` where they can be compiled, else `plain`.
+"""Which functions do a sweep's pointwise work: `fused` where they can be compiled, else `plain`.
 
 Compiling takes some seconds once for each type of array, a fraction of one where the cache of an
 earlier process serves (numba keeps it beside the package or in NUMBA_CACHE_DIR).
@@ -6,10 +6,8 @@ earlier process serves (numba keeps it beside the package or in NUMBA_CACHE_DIR)
 
 from __future__ import annotations
 
-import os
-import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
 
@@ -19,63 +17,80 @@ from mpf_core.errors import Cancelled
 from mpf_core.field import plain
 from mpf_core.progress import CancelCheck
 
-THETA = "theta"  # θ alone, beside the types in which a fit keeps its arrays
 
-_lock = threading.RLock()
-_compiled: dict[torch.dtype | str, ModuleType] = {}
-_reason: str | None = None  # why nothing is compiled in this process
+class Choice:
+    """What this process has compiled, by the type of the arrays; `reason`: why it compiles none."""
+
+    def __init__(self, reason: str | None = None) -> None:
+        self.reason = reason
+        self._lock = threading.RLock()
+        self._of_fits: dict[torch.dtype, ModuleType] = {torch.float64: plain}
+        self._of_theta: ModuleType | None = None
+
+    def functions(self, kept: torch.dtype, cancel: CancelCheck | None) -> ModuleType:
+        found = self._of_fits.get(kept)
+        if found is None:
+            with self._lock:
+                found = self._of_fits.get(kept) or self._compile(kept, cancel)
+                self._of_fits[kept] = found
+        return found
+
+    def functions_of_theta(self, cancel: CancelCheck | None) -> ModuleType:
+        if self._of_theta is None:
+            with self._lock:
+                self._of_theta = self._of_theta or self._compile(None, cancel)
+        return self._of_theta
+
+    def _compile(self, kept: torch.dtype | None, cancel: CancelCheck | None) -> ModuleType:
+        if self.reason is not None:
+            return plain
+        try:
+            from mpf_core.field import fused
+
+            for compilation in fused.compilations(kept):
+                if cancel is not None and cancel():
+                    raise Cancelled("cancelled while loops were compiled", where="compilation")
+                compilation()
+        except Cancelled:
+            raise
+        except Exception as error:  # a compiler fails in ways of its own; a fit can do without
+            self.reason = f"{type(error).__name__}: {error}".splitlines()[0]
+            return plain
+        return fused
 
 
-def functions(kept: torch.dtype | str, cancel: CancelCheck | None = None) -> ModuleType:
-    """`fused`, compiled for arrays kept in that type (or THETA), or `plain`.
+_chosen = [Choice()]  # the last one holds
+
+
+def functions(kept: torch.dtype, cancel: CancelCheck | None = None) -> ModuleType:
+    """What works on a fit's arrays kept in that type; float64 is always `plain`.
 
     Raises Cancelled when `cancel` says so, which is asked before each of the small compilations.
     """
-    if kept not in (torch.float32, torch.bfloat16, THETA):
-        return plain
-    found = _compiled.get(kept)
-    if found is None:
-        with _lock:
-            found = _compiled.get(kept) or _compile(kept, cancel)
-            _compiled[kept] = found
-    return found
+    return _chosen[-1].functions(kept, cancel)
+
+
+def functions_of_theta(cancel: CancelCheck | None = None) -> ModuleType:
+    """What works on θ alone, in float32; raises Cancelled likewise."""
+    return _chosen[-1].functions_of_theta(cancel)
+
+
+def prepare(kept: torch.dtype, cancel: CancelCheck | None = None) -> ModuleType:
+    """All that a fit and its extraction call, so that no compilation falls into what is timed."""
+    functions_of_theta(cancel)
+    return functions(kept, cancel)
 
 
 def why_plain() -> str | None:
-    """Why the loops are not compiled, once that was tried in vain."""
-    return _reason
+    """Why loops are not compiled, once that was tried in vain."""
+    return _chosen[-1].reason
 
 
 @contextmanager
-def uncompiled(reason: str = "asked for") -> Iterator[None]:
+def uncompiled(reason: str = "not asked for") -> Iterator[None]:
     """Within, all is `plain`: what to compare with."""
-    global _reason
-    before = dict(_compiled), _reason
-    _compiled.clear()
-    _reason = reason
+    _chosen.append(Choice(reason))
     try:
         yield
     finally:
-        _compiled.clear()
-        _compiled.update(before[0])
-        _reason = before[1]
-
-
-def _compile(kept: torch.dtype | str, cancel: CancelCheck | None) -> ModuleType:
-    global _reason
-    if _reason is not None:
-        return plain
-    try:
-        from mpf_core.field import fused
-
-        steps = fused.compilations_of_theta() if kept == THETA else fused.compilations(kept)
-        for step in steps:
-            if cancel is not None and cancel():
-                raise Cancelled("cancelled while loops were compiled", where="compilation")
-            step()
-    except Cancelled:
-        raise
-    except Exception as error:  # a compiler fails in ways of its own; a fit can do without it
-        _reason = f"{type(error).__name__}: {error}".splitlines()[0]
-        return plain
-    return fused
+        _chosen.pop()

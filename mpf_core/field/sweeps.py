@@ -28,6 +28,11 @@ Tensors = tuple[Tensor, ...]
 _buffers = Buffers()
 
 
+def forget_buffers() -> None:
+    """Give back the memory that the next step would have used."""
+    _buffers.clear()
+
+
 class _Sweep(Function):
     """A sweep block by block, and back with the parameters' derivatives summed.
 
