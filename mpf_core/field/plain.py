@@ -42,11 +42,7 @@ def output(y: Tensor, s: Tensor, c: Tensor, b: Tensor, v: Tensor) -> None:
 
 def layer_back(bar: Tensor, b_sum: Tensor, c: Tensor, s: Tensor, c_bar: Tensor | None) -> None:
     """bar: z̄ = s̄·c − c̄·s, from s̄ in its place; and its sum."""
-    z_bar = _wide(bar) * c
-    if c_bar is not None:
-        z_bar -= _wide(c_bar) * s
-    b_sum.add_(z_bar.sum(0))
-    bar.copy_(z_bar)
+    _layer_back(bar, b_sum, c, s, c_bar)
 
 
 def first_back(
@@ -59,8 +55,7 @@ def first_back(
     x: Tensor,
 ) -> None:
     """bar: z̄ as in `layer_back`; and its sum, and that of xᵀ·z̄ (3, h)."""
-    layer_back(bar, b_sum, c, s, c_bar)
-    w_sum.addmm_(x.t(), _wide(bar))
+    w_sum.addmm_(x.t(), _layer_back(bar, b_sum, c, s, c_bar))
 
 
 def output_back(
@@ -179,6 +174,15 @@ def bent_output_back(
     b_sum.add_(z_bar.sum(0))
     q.copy_(q_bar)
     c.copy_(z_bar)
+
+
+def _layer_back(bar: Tensor, b_sum: Tensor, c: Tensor, s: Tensor, c_bar: Tensor | None) -> Tensor:
+    z_bar = _wide(bar) * c
+    if c_bar is not None:
+        z_bar -= _wide(c_bar) * s
+    b_sum.add_(z_bar.sum(0))
+    bar.copy_(z_bar)
+    return z_bar
 
 
 def _of_first(w: Tensor, s: Tensor) -> Tensor:

@@ -7,9 +7,8 @@ of a layer (gradients); forwards from x, q and d (n, 4, h) are ∂/∂x and Δ o
 A bar marks the derivative of the loss with respect to a quantity.
 
 What stands here is the order of the calculus and all products of matrices; what is done to each
-entry by itself (sines, their slopes, sums over points) is `plain`, or the same in one
-loop, `fused`. Each
-works in the place of an array that is not needed again, which its comment names. Both heads
+entry by itself (sines, their slopes, sums over points) is `plain`, or one loop each, `fused`.
+Each works in the place of an array that is not needed again, which its comment names. Both heads
 lie side by side, (n, 2, h), so that one product serves them, wherever they have the same factor.
 
 W₂ and V may be given in bfloat16: all arrays of a block and their products are then kept in it, and
