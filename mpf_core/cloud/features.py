@@ -118,7 +118,7 @@ def _votes(
 
 
 def _through_pairs(offset: Array) -> Array:
-    """(m, c, 3) unit normals of the planes through the origin and each pair of `offset` (m, k, 3)."""
+    """(m, c, 3) unit normals of planes through the origin and each pair of `offset` (m, k, 3)."""
     first, second = np.triu_indices(offset.shape[1], 1)
     normal = np.cross(offset[:, first], offset[:, second])
     return np.asarray(normal / (np.linalg.norm(normal, axis=2, keepdims=True) + 1e-12))

@@ -132,9 +132,7 @@ def analyse(points: Array, *, normal_neighbours: int = 16, threads: int = -1) ->
         out[name][found[sure]] = np.concatenate(parts)[sure]
     out["gap"][found[~sure]] = 0.0
     rough = np.flatnonzero((out["flatness"] > ROUND) & (out["gap"] == 0))
-    rods = find_rods(
-        points, out["normals"], out["spacing"], out["links"], tree, rough, threads
-    )
+    rods = find_rods(points, out["normals"], out["spacing"], out["links"], tree, rough, threads)
     out["normals"][rods.index], out["gap"][rods.index] = rods.normals, 2 * rods.radius
     out["rim"][rods.index] = 0.0
     out["normals"] = sharpened(

@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 PATCH = 24  # neighbours that the cylinder is fitted to
 ROUND = 2.0  # radians of the circle that the patch must cover; less is a fold or a rounded edge
-# Of the radius: how far the patch scatters about the circle of a rod for sure, and beside such ones;
-# that of a square beam scatters by 0.1.
+# Of the radius: how far the patch scatters about the circle of a rod for sure, and beside such a
+# rod; that of a square beam scatters by 0.1.
 SURE, LEFT = 0.07, 0.11
 HELD = 0.7  # share of the patch that the circle must hold; the rest may be leaf or another rod
 ROUNDS = 3  # of the fit, in which what lies off the circle counts less and less
@@ -49,8 +49,8 @@ def find_rods(
     rows: Indices,
     threads: int = -1,
 ) -> Rods:
-    """The rods among the samples `rows` (m,) of points (n, 3) with unit normals (n, 3), spacing (n,)
-    and links (n, l) to neighbours."""
+    """The rods among the samples `rows` (m,) of points (n, 3) with unit normals (n, 3), spacing
+    (n,) and links (n, l) to neighbours."""
     n = len(points)
     outward, radius, left = np.zeros((n, 3)), np.zeros(n), np.full(n, np.inf)
     if n > PATCH:

@@ -10,7 +10,9 @@ from mpf_core.experiments.shapes import sample
 from mpf_core.fit.initialize import initialize
 
 
-def rod(radius: float, count: int, *, bend: float = 0.0, noise: float = 0.0) -> tuple[np.ndarray, ...]:
+def rod(
+    radius: float, count: int, *, bend: float = 0.0, noise: float = 0.0
+) -> tuple[np.ndarray, ...]:
     """Samples of a rod of length 2, the middles of its sections beside them, their outward normals."""
     rng = np.random.default_rng(0)
     along, angle = rng.uniform(-1, 1, count), rng.uniform(0, 2 * np.pi, count)
@@ -39,7 +41,9 @@ def test_a_rod_as_thick_as_its_samples_are_apart_is_solid(bend: float, noise: fl
     assert (start.at((middle + 0.04 * normal)[inner]).theta > 0).mean() > 0.99
 
 
-@pytest.mark.parametrize(("name", "count"), [("torus", 5000), ("wave", 5000), ("cube-sheet", 10_000)])
+@pytest.mark.parametrize(
+    ("name", "count"), [("torus", 5000), ("wave", 5000), ("cube-sheet", 10_000)]
+)
 def test_sheets_and_bodies_have_no_rods(name: str, count: int) -> None:
     assert (analyse(sample(name, count, 0)).gap > 0).mean() < 0.01
 
