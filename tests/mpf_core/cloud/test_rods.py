@@ -13,7 +13,7 @@ from mpf_core.fit.initialize import initialize
 def rod(
     radius: float, count: int, *, bend: float = 0.0, noise: float = 0.0
 ) -> tuple[np.ndarray, ...]:
-    """Samples of a rod of length 2, the middles of its sections beside them, their outward normals."""
+    """Samples of a rod of length 2, the middles of their sections, their outward normals."""
     rng = np.random.default_rng(0)
     along, angle = rng.uniform(-1, 1, count), rng.uniform(0, 2 * np.pi, count)
     middle = np.stack([bend * along**2, np.zeros(count), along], axis=1)
