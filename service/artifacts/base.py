@@ -107,6 +107,15 @@ class Artifacts(ABC):
         """The file of a published result; raises FileNotFoundError if it has none of that name."""
 
     @abstractmethod
+    def local_result(self, source: str, source_attempt: int, job_id: str, attempt: int) -> Path:
+        """A folder of this machine with all files of a published result, for an attempt (at
+        whichever job) to read; raises FileNotFoundError."""
+
+    @abstractmethod
+    def forget_results(self, job_id: str, *, but: int) -> None:
+        """Remove what attempts have published, except that of attempt `but`."""
+
+    @abstractmethod
     def write_preview(self, job_id: str, attempt: int, glb: bytes) -> None:
         """Put the latest mesh of an unfinished fit in place of the one before."""
 

@@ -168,6 +168,13 @@ class ObjectArtifacts(Artifacts):
         )  # fmt: skip
 
     def _published(self, job_id: str, attempt: int, name: str) -> Entry:
+        files = self._listed(job_id, attempt)
+        if name not in files:
+            raise FileNotFoundError(name)
+        return files[name]
+
+    def _listed(self, job_id: str, attempt: int) -> dict[str, Entry]:
+        """What the list of a result names; raises FileNotFoundError."""
         target = f"{_folder(job_id)}/result-{attempt}"
         files = self._lists.get(target)
         if files is None:
@@ -178,9 +185,23 @@ class ObjectArtifacts(Artifacts):
             while len(self._lists) > LISTS_KEPT:
                 with suppress(KeyError):  # another thread was first
                     self._lists.popitem(last=False)
-        if name not in files:
-            raise FileNotFoundError(name)
-        return files[name]
+        return files
+
+    def local_result(self, source: str, source_attempt: int, job_id: str, attempt: int) -> Path:
+        """All of it, fetched into the attempt's folder."""
+        folder = self._attempt(job_id, attempt) / "given" / f"{source}-{source_attempt}"
+        for name, entry in self._listed(source, source_attempt).items():
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._bucket.fetch(entry, path)
+        return folder
+
+    def forget_results(self, job_id: str, *, but: int) -> None:
+        """Remove the objects of all attempts except `but`, and their lists."""
+        start = f"{_folder(job_id)}/result-"
+        keys = [entry.key for entry in self._bucket.below(_folder(job_id))]
+        kept = (f"{start}{but}.json", f"{start}{but}/")
+        self._bucket.delete([k for k in keys if k.startswith(start) and not k.startswith(kept)])
 
     def write_preview(self, job_id: str, attempt: int, glb: bytes) -> None:
         """Put the latest mesh of an unfinished fit in place of the one before."""

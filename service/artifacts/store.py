@@ -159,6 +159,19 @@ class ArtifactStore(Artifacts):
             raise FileNotFoundError(name)
         return FileBlob(path)
 
+    def local_result(self, source: str, source_attempt: int, job_id: str, attempt: int) -> Path:  # noqa: ARG002
+        """The folder where it lies: nobody writes to it."""
+        folder = self._folder(source) / f"result-{source_attempt}"
+        if not folder.is_dir():
+            raise FileNotFoundError(folder)
+        return folder
+
+    def forget_results(self, job_id: str, *, but: int) -> None:
+        """Remove the folders of all attempts except `but`."""
+        for path in self._folder(job_id).glob("result-*"):
+            if path.name != f"result-{but}":
+                shutil.rmtree(path, ignore_errors=True)
+
     def write_preview(self, job_id: str, attempt: int, glb: bytes) -> None:
         """Put the latest mesh of an unfinished fit in place of the one before."""
         write_atomically(self._preview(job_id, attempt), glb)

@@ -85,6 +85,8 @@ class Estimates:
             seen = Outlook(workers, waiting, {})
             left: dict[str, list[float]] = {}
             for job in self._store.running():
+                if job.in_tiles:  # no worker has it
+                    continue
                 left.setdefault(job.queue, []).append(_left(job, seen, self._store.now()))
             self._outlook = Outlook(workers, waiting, left)
             self._looked_at = self._clock()
