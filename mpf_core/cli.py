@@ -86,16 +86,14 @@ def _reconstruct(
         check_output(field, option="--field")
     options = options_from(changes_in(flags))
     clock_start = time.monotonic()
-    from mpf_core import pipeline, results  # load torch
-    from mpf_core.cloud.reader import read_cloud
-    from mpf_core.field.artefact import save_field
+    from mpf_core import outputs, results  # load torch
+    from mpf_core.field.blendfile import save_field
     from mpf_core.surface.export import write_mesh
     from mpf_core.watch import Watch
 
     line = ProgressLine()
     watch = Watch(time.monotonic, line.show, None, begin=clock_start)
-    watch.enter("read")
-    result = pipeline.reconstruct_cloud(read_cloud(input), options, watch)
+    result = results.reconstructed(input, options, watch)
     write_mesh(result.mesh, output)
     if field is not None:
         save_field(result.fitted, field)
@@ -104,11 +102,11 @@ def _reconstruct(
     told = dict(result.report)
     if slices is not None:
         slices.mkdir(parents=True, exist_ok=True)
-        told["slices"] = results.write_stack(
+        told["slices"] = outputs.write_stack(
             result.fitted, options.surface.slices, slices, options.threads
         )
     if report is not None:
-        results.write_report(told, report)
+        outputs.write_report(told, report)
     click.echo(summary(result.report, output, seconds))
 
 
