@@ -3,20 +3,23 @@ nowhere else."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mpf_core.extraction_options import extraction_from
 from mpf_core.options import Options, options_from
-from service.jobs.model import EXTRACTION, FIT, Job
+from mpf_core.progress import Progress, ProgressCallback
+from mpf_core.tiles.count import tile_count
+from service.jobs.model import EXTRACTION, FIT, TILE, Job
 from worker.report import Reporter
 
 SPLIT = "split"
 """The first part of a fit whose cloud is too large for one: its tiles are made."""
 JOIN = "join"
 """The last part of such a fit: one surface from the fields of its tiles."""
+
+FIELD = "field.safetensors"
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class Run:
     def options(self) -> Options:
         """The job's options of a fit, with its threads."""
         options = options_from(self.job.options)
-        return dataclasses.replace(options, threads=options.threads or self.threads)
+        return replace(options, threads=options.threads or self.threads)
 
 
 Runner = Callable[[Run], None]
@@ -68,7 +71,12 @@ def work_of(job: Job, given: Path) -> str:
 
 def is_large(job: Job, given: Path) -> bool:
     """Whether the cloud is more than one fit holds."""
-    return False
+    from mpf_core.cloud.reader import read_cloud
+
+    points = job.input.points if job.input is not None else None
+    if points is None:
+        points = len(read_cloud(given))
+    return tile_count(points, options_from(job.options)) > 1
 
 
 def fit(run: Run) -> None:
@@ -95,10 +103,72 @@ def extract(run: Run) -> None:
     extract_file(
         run.input,
         run.out,
-        dataclasses.replace(options, threads=options.threads or run.threads),
+        replace(options, threads=options.threads or run.threads),
         progress=run.reporter.progress,
         cancel=run.reporter.cancel,
     )
 
 
-RUNNERS: dict[str, Runner] = {FIT: fit, EXTRACTION: extract}
+def split(run: Run) -> None:
+    """Points in, a plan and tiles out."""
+    from mpf_core.tiles import split_file
+
+    split_file(run.input, run.out, run.options(), progress=_told(run), cancel=run.reporter.cancel)
+
+
+def fit_tile(run: Run) -> None:
+    """A tile in, its field out; a short fit if the job is to be kept before this has begun."""
+    from mpf_core.tiles import fit_tile_file
+    from mpf_core.tiles.run import HURRIED
+
+    options = run.options()
+    stop = run.reporter.stop
+    if stop():
+        few = min(HURRIED, options.fit.max_iterations)
+        options = replace(options, fit=replace(options.fit, max_iterations=few))
+        stop = never
+    fit_tile_file(
+        run.input,
+        run.out,
+        options,
+        progress=run.reporter.progress,
+        stop=stop,
+        cancel=run.reporter.cancel,
+        checkpoint=run.checkpoint,
+    )
+
+
+def never() -> bool:
+    """What a fit is told that nobody stops."""
+    return False
+
+
+def join(run: Run) -> None:
+    """Fields of tiles in, surface out."""
+    from mpf_core.tiles import join_files
+
+    assert run.gathered is not None
+    join_files(
+        run.gathered.plan,
+        [folder / FIELD for folder in run.gathered.fitted],
+        run.input,
+        run.out,
+        run.options(),
+        progress=_told(run),
+        cancel=run.reporter.cancel,
+    )
+
+
+def _told(run: Run) -> ProgressCallback:
+    """Progress in the stages that callers know."""
+    from mpf_core.tiles.run import STAGE
+
+    def tell(progress: Progress) -> None:
+        run.reporter.progress(replace(progress, stage=STAGE.get(progress.stage, progress.stage)))
+
+    return tell
+
+
+RUNNERS: dict[str, Runner] = {
+    FIT: fit, EXTRACTION: extract, SPLIT: split, TILE: fit_tile, JOIN: join,
+}  # fmt: skip

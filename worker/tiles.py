@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
 
-from service.artifacts.base import Artifacts
+from service.artifacts.base import Artifacts, Published
 from service.connection import UNREACHABLE
 from service.jobs.family import Families, cancelled_problem
 from service.jobs.lease import Changed, Lease, Refused
@@ -102,8 +102,11 @@ class TileWork:
             tile = self._store.get(sight.id)
             if tile is None:
                 raise FileNotFoundError(sight.id)
-            fitted.append(self._artifacts.local_result(tile.id, tile.result_attempt, *here))
-        return Gathered(self._artifacts.local_result(job.id, job.split, *here), tuple(fitted))
+            result = Published(tile.id, tile.result_attempt)
+            fitted.append(self._artifacts.local_result(result, *here))
+        # The tiles themselves have served.
+        plan = self._artifacts.local_result(Published(job.id, job.split), *here, but=TILE_FILES)
+        return Gathered(plan, tuple(fitted))
 
     def ended(self, job: Job) -> None:
         """This attempt is over: see to what follows for others."""

@@ -31,7 +31,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import IO
 
-from service.artifacts.base import Artifacts, Blob
+from service.artifacts.base import Artifacts, Blob, Published
 from service.artifacts.bucket import Bucket, Entry
 from service.artifacts.store import measured, remove_older
 from service.jobs.model import Artifact
@@ -187,10 +187,14 @@ class ObjectArtifacts(Artifacts):
                     self._lists.popitem(last=False)
         return files
 
-    def local_result(self, source: str, source_attempt: int, job_id: str, attempt: int) -> Path:
-        """All of it, fetched into the attempt's folder."""
-        folder = self._attempt(job_id, attempt) / "given" / f"{source}-{source_attempt}"
-        for name, entry in self._listed(source, source_attempt).items():
+    def local_result(
+        self, source: Published, job_id: str, attempt: int, *, but: str | None = None
+    ) -> Path:
+        """What is needed of it, fetched into the attempt's folder."""
+        folder = self._attempt(job_id, attempt) / "given" / f"{source.job_id}-{source.attempt}"
+        for name, entry in self._listed(source.job_id, source.attempt).items():
+            if but is not None and name.startswith(but):
+                continue
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             self._bucket.fetch(entry, path)

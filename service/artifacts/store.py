@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
 from mpf_core.files import write_atomically
-from service.artifacts.base import CHUNK_BYTES, Artifacts, Blob
+from service.artifacts.base import CHUNK_BYTES, Artifacts, Blob, Published
 from service.jobs.model import Artifact
 
 _JOB_ID = re.compile(r"[0-9a-f]{32}")
@@ -159,9 +159,16 @@ class ArtifactStore(Artifacts):
             raise FileNotFoundError(name)
         return FileBlob(path)
 
-    def local_result(self, source: str, source_attempt: int, job_id: str, attempt: int) -> Path:  # noqa: ARG002
-        """The folder where it lies: nobody writes to it."""
-        folder = self._folder(source) / f"result-{source_attempt}"
+    def local_result(
+        self,
+        source: Published,
+        job_id: str,  # noqa: ARG002  all attempts read it where it lies: nobody writes to it
+        attempt: int,  # noqa: ARG002
+        *,
+        but: str | None = None,  # noqa: ARG002
+    ) -> Path:
+        """The folder where it lies."""
+        folder = self._folder(source.job_id) / f"result-{source.attempt}"
         if not folder.is_dir():
             raise FileNotFoundError(folder)
         return folder

@@ -1,4 +1,4 @@
-"""A job and its tiles: all of them come into being at once, and one look sees to all that is due."""
+"""A job and its tiles: all of them come into being at once, and one look sees to what is due."""
 
 from __future__ import annotations
 
@@ -183,7 +183,9 @@ def test_what_the_job_tells_never_falls(store: TileStore, redis: Redis) -> None:
         events = redis.xrevrange(f"mpf:job:{job_id}:events", count=1)
         assert b'"tiles":' in events[0][1][b"data"]
     found = [b'"fraction":0.3', b'"fraction":0.3', b'"fraction":0.4']
-    stream = [e[b"data"] for _, e in redis.xrange(f"mpf:job:{job_id}:events") if b"fit" in e[b"data"]]
+    stream = [
+        e[b"data"] for _, e in redis.xrange(f"mpf:job:{job_id}:events") if b"fit" in e[b"data"]
+    ]
     assert all(want in have for want, have in zip(found, stream, strict=True))
     now = got(store, job_id)
     assert now.tiles == Tiles(3, 1, 1)

@@ -12,7 +12,7 @@ deaf      work for 60 s without hearing alarms, as native code may
 fill      write a result of 50 MB
 
 tiled-4-WORD is split into 4 tiles:
-tiled-4-ok, -split30, -tile30, -join30   work for up to 30 s in that part
+tiled-4-ok, -split30, -tile30, -join30   work for up to 30 s in that part; -each30: in each of them
 tiled-4-line, -die                       in the second tile do as above, in all attempts
 """
 
@@ -69,7 +69,7 @@ def runner(run: runners.Run) -> None:
         (run.out / "field.safetensors").write_bytes(b"field of " + run.job.id.encode())
 
 
-def is_large(job: Job, given: Path) -> bool:  # noqa: ARG001
+def is_large(job: Job, given: Path) -> bool:
     return job.input is not None and job.input.name.startswith("tiled")
 
 
@@ -110,8 +110,9 @@ def join_runner(run: runners.Run) -> None:
 
 
 def _part(run: runners.Run, part: str, task: str) -> None:
-    if task.startswith(part):
-        _work(run, float(task.removeprefix(part)), heed=True, pause=0.02)
+    if task.startswith((part, "each")):
+        seconds = float(task.removeprefix(part).removeprefix("each"))
+        _work(run, seconds, heed=True, pause=0.02)
 
 
 def _alone(run: runners.Run) -> IO[bytes] | None:
