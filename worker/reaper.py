@@ -106,7 +106,7 @@ class Reaper:
     def _take_back(self, job: Job) -> None:
         log.warning("job %s: attempt %s has lost its worker", job.id, job.attempt)
         try:
-            if job.cancel:
+            if job.given_up:
                 self._store.reap_cancelled(job, cancelled_problem())
             elif job.tries >= self._settings.max_attempts:
                 self._store.reap_failed(job, crashed_problem(job.tries))

@@ -3,6 +3,7 @@ nowhere else."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -73,10 +74,13 @@ def is_large(job: Job, given: Path) -> bool:
     """Whether the cloud is more than one fit holds."""
     from mpf_core.cloud.reader import read_cloud
 
+    options = options_from(job.options)
+    if tile_count(sys.maxsize, options) == 1:
+        return False
     points = job.input.points if job.input is not None else None
     if points is None:
         points = len(read_cloud(given))
-    return tile_count(points, options_from(job.options)) > 1
+    return tile_count(points, options) > 1
 
 
 def fit(run: Run) -> None:

@@ -65,7 +65,7 @@ def forget_if_ended(job_id: str, store: JobStore, artifacts: Artifacts) -> None:
 def _end_of(
     job: Job, lease: Lease, code: int, store: JobStore, queue: JobQueue, settings: Settings
 ) -> None:
-    if job.cancel:
+    if job.given_up:
         store.cancelled(lease, cancelled_problem())
     elif code == -signal.SIGKILL and out_of_memory_killed():
         store.fail(lease, out_of_memory_problem())

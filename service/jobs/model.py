@@ -177,6 +177,15 @@ class Job:
         return self.state is JobState.RUNNING and self.split == self.attempt
 
     @property
+    def given_up(self) -> bool:
+        """Whether it is not tried again once its worker is lost.
+
+        A tile that is to be kept as far as it has come is: without it there is nothing of the
+        others.
+        """
+        return bool(self.cancel) and not (self.kind == TILE and self.cancel == "keep")
+
+    @property
     def ended(self) -> bool:
         """Whether nothing will change any more (but expiry)."""
         return self.state in ENDED

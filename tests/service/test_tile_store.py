@@ -17,6 +17,7 @@ from service.jobs.store import Creation
 from service.jobs.tile_store import FAMILIES_KEY, Family, Sight, TileStore, tiles_key
 from service.jobs.tiles import FIT_BEGINS, FIT_ENDS, JOIN_SHARE, counted, progress_of, seconds_left
 from service.settings import FIT_SMALL, Settings
+from worker.settle import settle
 
 PROBLEM = {"code": "cloud.collinear", "title": "t", "detail": "d", "status": 422}
 FILES = {"field.safetensors": Artifact(3, "0" * 64)}
@@ -212,6 +213,20 @@ def test_a_job_that_is_to_be_kept_ends_its_tiles_and_joins_them(
     assert (job.state, job.cancel) == (JobState.QUEUED, "")
     assert store.ask_cancel(job_id, "keep", PROBLEM).state is JobState.QUEUED
     assert store.ask_cancel(job_id, "discard", PROBLEM).state is JobState.CANCELLED
+
+
+def test_a_tile_that_is_kept_and_loses_its_process_is_tried_again(
+    store: TileStore, redis: Redis, families: Families, queue: JobQueue, settings: Settings
+) -> None:
+    job_id, (tile_id,) = split(store, redis, 1)
+    lease = Lease(tile_id, 1, "b")
+    store.start(lease)
+    store.ask_cancel(job_id, "keep", PROBLEM)
+    families.look(job_id)
+    settle(lease, -9, store, queue, ArtifactStore(settings.data_dir), settings)
+    tile = got(store, tile_id)
+    assert (tile.state, tile.attempt, tile.cancel) == (JobState.QUEUED, 2, "keep")
+    assert got(store, job_id).in_tiles
 
 
 def test_a_lost_record_of_a_tile_is_no_reason_to_wait_for_ever(
