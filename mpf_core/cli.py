@@ -56,6 +56,8 @@ def main() -> None:
               help="Any other option by its name, e.g. --set omega=30.")  # fmt: skip
 @click.option("--field", type=click.Path(path_type=Path, dir_okay=False),
               help="File for the fitted field, for `mpf extract` and `mpf slice`.")  # fmt: skip
+@click.option("--checkpoint", type=click.Path(path_type=Path, dir_okay=False),
+              help="File for the state of the fit: the same command goes on from it.")  # fmt: skip
 @click.option("--slices", type=click.Path(path_type=Path, file_okay=False),
               help="Folder for φ-slice pictures.")  # fmt: skip
 @click.option("--report", type=click.Path(path_type=Path, dir_okay=False),
@@ -64,19 +66,21 @@ def reconstruct(
     input: Path,
     output: Path,
     field: Path | None,
+    checkpoint: Path | None,
     slices: Path | None,
     report: Path | None,
     **flags: Any,
 ) -> None:
     """Reconstruct the surface of the point cloud INPUT (.ply, .xyz)."""
     with told_errors(input):
-        _reconstruct(input, output, field, slices, report, flags)
+        _reconstruct(input, output, field, checkpoint, slices, report, flags)
 
 
 def _reconstruct(
     input: Path,
     output: Path,
     field: Path | None,
+    checkpoint: Path | None,
     slices: Path | None,
     report: Path | None,
     flags: dict[str, Any],
@@ -84,6 +88,8 @@ def _reconstruct(
     check_output(output, ".glb", ".ply")
     if field is not None:
         check_output(field, option="--field")
+    if checkpoint is not None:
+        check_output(checkpoint, option="--checkpoint")
     options = options_from(changes_in(flags))
     clock_start = time.monotonic()
     from mpf_core import outputs, results  # load torch
@@ -92,7 +98,7 @@ def _reconstruct(
     from mpf_core.watch import Watch
 
     line = ProgressLine()
-    watch = Watch(time.monotonic, line.show, None, begin=clock_start)
+    watch = Watch(time.monotonic, line.show, None, begin=clock_start, checkpoint=checkpoint)
     result = results.reconstructed(input, options, watch)
     write_mesh(result.mesh, output)
     if field is not None:
