@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from redis import Redis
@@ -16,6 +17,8 @@ from service.jobs.queue import JobQueue, entry_id
 from service.jobs.store import Creation
 from service.jobs.tile_store import FAMILIES_KEY, Family, Sight, TileStore, tiles_key
 from service.jobs.tiles import FIT_BEGINS, FIT_ENDS, JOIN_SHARE, counted, progress_of, seconds_left
+from service.operations.estimates import Estimates
+from service.operations.store import WorkerEntry, WorkerRegister
 from service.settings import FIT_SMALL, Settings
 from worker.settle import settle
 
@@ -236,6 +239,30 @@ def test_a_lost_record_of_a_tile_is_no_reason_to_wait_for_ever(
     redis.delete(record_key(tiles[2]))
     families.look_at_all()
     assert (got(store, job_id).problem or {})["code"] == "job.crashed"
+
+
+def test_a_job_that_waits_for_its_tiles_holds_no_worker(store: TileStore, redis: Redis) -> None:
+    register = WorkerRegister(redis)
+    register.sign("w", WorkerEntry((FIT_SMALL,), 1, 0, {FIT_SMALL: 10.0}))
+    _, (tile_id,) = split(store, redis, 1)
+    other = Job(id=new_job_id(), state=JobState.QUEUED, attempt=1, queue=FIT_SMALL)
+    estimates = Estimates(store, register)
+    estimates.refresh()
+    # Behind the tile, which waits: two fits.
+    assert estimates.eta(other, 1) == pytest.approx(20.0)
+    store.start(Lease(tile_id, 1, "b"))
+    estimates = Estimates(store, register)
+    estimates.refresh()
+    assert estimates.eta(other, 0) == pytest.approx(20.0, abs=0.5)
+    # How long a cloud takes that is to be split is not told by fits of others.
+    large = replace(
+        other,
+        options={"tiles": "auto", "tile_points": 500},
+        input=Input("a.xyz", "xyz", 1, "0" * 64, points=501),
+    )
+    assert estimates.eta(large, 0) is None
+    whole = replace(large, options={"tiles": "off", "tile_points": 500})
+    assert estimates.eta(whole, 0) == pytest.approx(20.0, abs=0.5)
 
 
 def test_shares_and_times_come_from_the_tiles() -> None:

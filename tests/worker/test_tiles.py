@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -15,8 +14,8 @@ from service.app import create_app
 from service.jobs.model import JobState
 from service.jobs.tile_store import TileStore
 from service.settings import Settings
-from tests.processes import children_of
-from tests.services import PATIENCE, form, running_worker, wait_for
+from tests.processes import alive, children_of
+from tests.services import PATIENCE, form, running_worker, tell, wait_for
 
 CANCEL_SECONDS = 2.0
 """At most, until all that a job runs has stopped."""
@@ -58,14 +57,11 @@ def with_tiles(client: TestClient, job_id: str, running: int, done: int = 0) -> 
     return wait_for(look, 60, f"{running} tiles run")
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_the_whole_way_is_one_job_to_its_owner(
-    client: TestClient, settings: Settings, store: TileStore, workers: int
+def test_one_worker_does_all_of_what_is_one_job_to_its_owner(
+    client: TestClient, settings: Settings, store: TileStore
 ) -> None:
     job_id = submit(client, "tiled-3-ok.xyz")
-    with contextlib.ExitStack() as stack:
-        for _ in range(workers):
-            stack.enter_context(running_worker(settings))
+    with running_worker(settings):
         job = until(client, job_id, "succeeded", "failed")
     assert job["state"] == "succeeded", job["problem"]
     assert job["tiles"] == {"done": 3, "running": 0, "total": 3}
@@ -91,11 +87,11 @@ def test_the_whole_way_is_one_job_to_its_owner(
     assert again.json()["kind"] == "extraction"
 
 
-def test_tiles_are_fitted_at_the_same_time_and_tell_of_their_job(
+def test_two_workers_fit_tiles_at_the_same_time_and_these_tell_of_their_job(
     client: TestClient, settings: Settings, store: TileStore
 ) -> None:
     capped = settings.model_copy(update={"running_per_owner": 1})
-    job_id = submit(client, "tiled-3-tile2.xyz")
+    job_id = submit(client, "tiled-2-tile3.xyz")
     fractions = []
     with running_worker(capped), running_worker(capped):
         job = with_tiles(client, job_id, running=2)
@@ -132,11 +128,14 @@ def test_whatever_a_job_is_at_it_ends_when_its_owner_says_so(
         else:
             wait_for(lambda: store.count(JobState.SUCCEEDED) == 2, 30, "its tiles are fitted")
             until(client, job_id, "running")
+        at_work = children_of(worker.pid)
+        begin = time.monotonic()
         if how == "cancel":
             client.post(f"/jobs/{job_id}/cancel")
         else:
             client.delete(f"/jobs/{job_id}")
-        wait_for(lambda: not children_of(worker.pid), CANCEL_SECONDS / PATIENCE * 2, "it stopped")
+        wait_for(lambda: not any(map(alive, at_work)), CANCEL_SECONDS / PATIENCE, "it stopped")
+        tell(f"{part}, {how}: stopped after {time.monotonic() - begin:.1f} s")
         wait_for(lambda: not store.families(), 10, "its tiles are gone")
         # And the worker goes on with others.
         until(client, submit(client, "ok.xyz"), "succeeded")
@@ -153,14 +152,14 @@ def test_whatever_a_job_is_at_it_ends_when_its_owner_says_so(
 def test_a_surface_so_far_is_that_of_all_tiles(
     client: TestClient, settings: Settings, store: TileStore
 ) -> None:
-    job_id = submit(client, "tiled-3-tile60.xyz")
+    job_id = submit(client, "tiled-2-tile60.xyz")
     with running_worker(settings):
         with_tiles(client, job_id, running=1)
         assert client.post(f"/jobs/{job_id}/cancel?keep=result").json()["cancelling"] is True
         job = until(client, job_id, "succeeded", "failed", "cancelled")
     assert job["state"] == "succeeded", job["problem"]
     fields = client.get(f"/jobs/{job_id}/report.json").json()["fields"]
-    assert fields == [f"tile {n}, kept" for n in range(3)]
+    assert fields == [f"tile {n}, kept" for n in range(2)]
 
 
 @pytest.mark.parametrize(("task", "code"), [("line", "cloud.collinear"), ("die", "job.crashed")])
@@ -168,10 +167,10 @@ def test_a_tile_that_comes_to_nothing_ends_the_job(
     client: TestClient, settings: Settings, store: TileStore, task: str, code: str
 ) -> None:
     few = settings.model_copy(update={"max_attempts": 2})
-    job_id = submit(client, f"tiled-3-{task}.xyz")
+    job_id = submit(client, f"tiled-2-{task}.xyz")
     with running_worker(few):
         job = until(client, job_id, "succeeded", "failed")
         assert job["state"] == "failed"
-        assert (job["problem"]["code"], job["problem"]["where"]) == (code, "tile 2 of 3")
+        assert (job["problem"]["code"], job["problem"]["where"]) == (code, "tile 2 of 2")
         wait_for(lambda: not store.families(), 10, "its tiles are gone")
     assert [p.name for p in (settings.data_dir / "jobs").iterdir()] == [job_id]
