@@ -17,7 +17,7 @@ from packaging.requirements import Requirement
 from packaging.version import Version
 
 ROOT = Path(__file__).resolve().parent.parent
-PROJECT = "metric-phase-fields[fit,dev]"
+PROJECT = "metric-phase-fields[fit,bench,dev]"
 BUILD = ("hatchling", "editables")
 HEADER = """\
 # Versions that the tests have passed with, for scripts/setup; written by scripts/lock.py.

@@ -3,7 +3,11 @@
 The sample lies on one of the faces, and some of its neighbours lie well inside of it: among their
 normals is the one whose plane through the sample holds the most of the patch. Where that plane
 explains clearly more than the patch's own, it takes its place (a consensus as in Fleishman et al.
-2005, with the neighbours' normals as the only candidates, so that nothing is drawn at random).
+2005; nothing is drawn at random).
+
+Where a face is only a few spacings wide, as the rim of a plate, no sample on it has a patch of one
+face. So the planes through the sample and two of its nearest neighbours are candidates too, if the
+whole patch lies on one side: a face at an edge is such a plane, a chord of a rounded rod is not.
 """
 
 from __future__ import annotations
@@ -14,10 +18,20 @@ from scipy.spatial import cKDTree
 
 PATCH = 24  # neighbours that vote
 CANDIDATES = 8  # of them, evenly over the patch, whose normals are tried
+NEAREST = 8  # of them, whose pairs make planes with the sample
+OFF = 3.0  # widths of a plane from which a neighbour is beside it
+ACROSS = 1  # neighbour on the wrong side of such a plane, at most
 ROUNDS = 2  # the second lets normals corrected by the first reach the samples beside the edge
 BENT = 0.06  # flatness (spread across / along) from which a patch may span an edge
+BROKEN = 0.2  # and from which no patch around may be of one face
 CLOSE = 0.07  # of the local spacing: within it a neighbour is on the plane
 GAIN = 2.0  # times the votes of the patch's own plane
+# A plane that holds this share of the patch, and from which most of the rest falls steeply away, by
+# so many widths, is a face for sure and needs to be less better.
+FACE = (0.28, 1.4)
+# In a cloud without noise, a quarter of whose patches are flatter than CLEAN, less will do.
+CLEAN, CLEAN_FACE = 0.04, (0.18, 1.15)
+STEEP = 7.0
 CHUNK = 8192
 
 Array = NDArray[np.float64]
@@ -38,9 +52,12 @@ def sharpened(
     points, normals: (n, 3); spacing, flatness: (n,); fixed: (n,) those to leave alone.
     """
     rows = np.flatnonzero((flatness > BENT) & ~fixed)
+    rows = rows[np.argsort(flatness[rows] > BROKEN, kind="stable")]
+    bent = int((flatness[rows] <= BROKEN).sum())  # so many first ones need no planes through pairs
     normals = normals.copy()
     if len(rows) == 0 or len(points) <= PATCH:
         return normals
+    face = CLEAN_FACE if np.quantile(flatness, 0.25) < CLEAN else FACE
     index = np.empty((len(rows), PATCH), dtype=np.int64)
     for k in range(0, len(rows), CHUNK):
         found = tree.query(points[rows[k : k + CHUNK]], PATCH + 1, workers=threads)[1]
@@ -48,10 +65,13 @@ def sharpened(
     for _ in range(ROUNDS):
         # All from the normals before the round, so that the order of samples does not matter.
         before = normals.copy()
-        for k in range(0, len(rows), CHUNK):
-            part = slice(k, k + CHUNK)
-            width = CLOSE * spacing[rows[part]]
-            normals[rows[part]] = _voted(points, before, rows[part], index[part], width)
+        for low, high in ((0, bent), (bent, len(rows))):
+            for k in range(low, high, CHUNK):
+                part = slice(k, min(k + CHUNK, high))
+                width = CLOSE * spacing[rows[part]]
+                normals[rows[part]] = _voted(
+                    points, before, rows[part], index[part], width, face, pairs=k >= bent
+                )
     return normals
 
 
@@ -61,22 +81,52 @@ def _voted(
     rows: NDArray[np.int64],
     index: NDArray[np.int64],
     width: Array,
+    face: tuple[float, float],
+    *,
+    pairs: bool,
 ) -> Array:
     offset = (points[index] - points[rows, None]) / width[:, None, None]  # (m, k, 3)
     step = PATCH // CANDIDATES
     candidates = np.concatenate([normals[rows, None], normals[index[:, ::step]]], axis=1)
-    height = candidates.astype(np.float32) @ offset.astype(np.float32).transpose(0, 2, 1)
-    votes = np.exp(-0.5 * height**2)  # (m, c, k)
-    total = votes.sum(2)
+    votes, total = _votes(candidates, offset)
+    if pairs:
+        through = _through_pairs(offset[:, :NEAREST])
+        more_votes, more = _votes(through, offset, one_sided=face[0])
+        candidates = np.concatenate([candidates, through], axis=1)
+        votes, total = (np.concatenate(p, axis=1) for p in ((votes, more_votes), (total, more)))
     best = total.argmax(1)
-    better = total[np.arange(len(rows)), best] > GAIN * total[:, 0]
-    chosen = normals[rows].copy()
+    each = np.arange(len(rows))
+    most, chosen = total[each, best], candidates[each, best]
+    height = np.abs((offset @ chosen[..., None])[..., 0])
+    steep = (height > OFF).sum(1) < 1.5 * (height > STEEP).sum(1)
+    gain = np.where(steep & (most > face[0] * PATCH), face[1], GAIN)
+    better = most > gain * total[:, 0]
+    found = normals[rows].copy()
     take = np.flatnonzero(better)
     if len(take):
-        chosen[take] = _refitted(
-            offset[take], votes[take, best[take]], candidates[take, best[take]]
-        )
-    return chosen
+        found[take] = _refitted(offset[take], votes[take, best[take]], chosen[take])
+    return found
+
+
+def _votes(
+    candidates: Array, offset: Array, *, one_sided: float | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """How much each neighbour (m, k) lies on each candidate plane (m, c), and their sums, 0 where
+    they are less than that share or neighbours lie on both sides, if `one_sided` is given."""
+    height = candidates.astype(np.float32) @ offset.astype(np.float32).transpose(0, 2, 1)
+    votes: NDArray[np.float32] = np.exp(-0.5 * height**2)  # (m, c, k)
+    total: NDArray[np.float32] = votes.sum(2)
+    if one_sided is not None:
+        fewer = np.minimum((height > OFF).sum(2), (height < -OFF).sum(2))
+        total[(fewer > ACROSS) | (total < one_sided * PATCH)] = 0
+    return votes, total
+
+
+def _through_pairs(offset: Array) -> Array:
+    """(m, c, 3) unit normals of planes through the origin and each pair of `offset` (m, k, 3)."""
+    first, second = np.triu_indices(offset.shape[1], 1)
+    normal = np.cross(offset[:, first], offset[:, second])
+    return np.asarray(normal / (np.linalg.norm(normal, axis=2, keepdims=True) + 1e-12))
 
 
 def _refitted(offset: Array, weight: Array, normal: Array) -> Array:

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from mpf_core.cloud.features import sharpened
 from mpf_core.cloud.layers import split
+from mpf_core.cloud.rods import find_rods
 
 NEAREST = 50  # the farthest neighbour that the paper's near-surface sampling asks for
 SPACING_NEIGHBOUR = 6  # distance to it ≈ 1.4 × the mean gap between samples of a surface
@@ -21,6 +22,8 @@ DISC_NEIGHBOUR = 18  # discs of this radius overlap into a sheet without leaks
 LINKS = 9  # neighbours per point in the graph that orients the normals
 CHUNK = 16_384  # points handled at once, so that memory stays a constant beside the cloud
 OPEN_ANGLE = 2.2  # radians without neighbours from which a sample is at a rim
+ROUND = 0.2  # flatness from which a patch may reach round a rod
+TURNED = 0.7  # cosine between a layer's normal and the face's, below which it is another face
 LAYERED_AROUND = 0.5  # share of a sample's links that must be layered as well for it to stay so
 
 Array = NDArray[np.float64]
@@ -49,9 +52,9 @@ class Neighborhoods:
     links: (n, 9) indices of the nearest neighbours.
     rim: (n, 3) unit direction in the tangent plane in which the data ends, zero in the interior.
     flatness: (n,) spread along the normal divided by the spread in the tangent plane, in [0, 1].
-    gap: (n,) distance to the other side of a wall thinner than the patches, 0 where there is none.
-    Where there is one, all but the band radius is told by the sample's own side alone, and its
-    normal points away from the other.
+    gap: (n,) distance to the other side of a wall or rod thinner than the patches, 0 where there is
+    none. Where there is one, normals point away from the other side; for walls all but the band
+    radius is told by the sample's own side alone.
     """
 
     points: Array
@@ -129,10 +132,19 @@ def analyse(points: Array, *, normal_neighbours: int = 16, threads: int = -1) ->
     for name, parts in double.items():
         out[name][found[sure]] = np.concatenate(parts)[sure]
     out["gap"][found[~sure]] = 0.0
+    rough = np.flatnonzero((out["flatness"] > ROUND) & (out["gap"] == 0))
+    rods = find_rods(points, out["normals"], out["spacing"], out["links"], tree, rough, threads)
+    out["normals"][rods.index], out["gap"][rods.index] = rods.normals, 2 * rods.radius
+    out["rim"][rods.index] = 0.0
+    on_rod = np.zeros(n, dtype=bool)
+    on_rod[rods.index] = True
+    before = out["normals"]
     out["normals"] = sharpened(
-        points, out["normals"], out["spacing"], out["flatness"], tree,
-        fixed=out["gap"] > 0, threads=threads,
-    )  # fmt: skip
+        points, before, out["spacing"], out["flatness"], tree, fixed=on_rod, threads=threads
+    )
+    # The side of a wall, close to its edge, had been taken for one of the wall's layers.
+    turned = np.abs(np.einsum("ni,ni->n", before, out["normals"])) < TURNED
+    out["gap"][turned], out["rim"][turned] = 0.0, 0.0
     return Neighborhoods(points=points, tree=tree, **out)
 
 

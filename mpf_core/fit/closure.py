@@ -32,10 +32,9 @@ from mpf_core.fit.freespace import (
 COARSE = 3  # voxels per evaluation of the winding number, along each axis
 INVENTED = 0.12  # largest share of the boundary without samples
 LITTLE = 0.02  # share up to which a lid may also stand across the surface, as where feet are cut
-TOWARDS, ACROSS = (
-    0.35,
-    -0.2,
-)  # least mean cosine between the end of the surface and the lid
+CRACK = 0.01  # share up to which a lid is a crack between discs, whatever the surface does there
+# Least mean cosine between the end of the surface and the lid.
+TOWARDS, ACROSS = 0.35, -0.2
 # Voxels and spacings from a sample within which its normal tells the side.
 NEAR, PAST = 1.5, 0.9
 SHARP = 0.7  # winding number that the middle of a body must reach
@@ -60,7 +59,7 @@ def close_gaps(neighbours: Neighborhoods, normals: Array, space: FreeSpace) -> F
         if share > INVENTED:
             continue
         course = _course(neighbours, space.position(np.argwhere(lid) + corner), space.voxel)
-        if course >= (ACROSS if share <= LITTLE else TOWARDS):
+        if share <= CRACK or course >= (ACROSS if share <= LITTLE else TOWARDS):
             labels[around][region] = INSIDE
             found += 1
     if not found:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from mpf_core.surface.coarsen import coarsened
 from mpf_core.surface.finish import FLOATER_SPACINGS, finish, without_floaters
 from mpf_core.surface.isosurface import Grid, Isosurface, extract
 from mpf_core.surface.mesh import Mesh
+from mpf_core.surface.perforations import without_perforations
 from mpf_core.surface.resolution import Fineness, choose_resolution
 
 Painted = tuple[cKDTree, NDArray[np.uint8]]
@@ -48,6 +49,11 @@ def extract_mesh(
     fineness = choose_resolution(options, footprint, fitted.networks)
     asked = options.resolution is not None
     surface, resolution = _zero_level(fitted, fineness, asked, cancel)
+    kept_apart = max(footprint.spacing, footprint.cover / np.sqrt(3))
+    vertices, faces, perforations = without_perforations(
+        surface.vertices, surface.faces, footprint.tree, kept_apart
+    )
+    surface = replace(surface, vertices=vertices, faces=faces)
     # A piece is a floater by its distance to the samples, of which the footprint keeps some.
     spacing = footprint.spacing + footprint.cover / FLOATER_SPACINGS
     vertices, faces, floaters = without_floaters(
@@ -66,6 +72,7 @@ def extract_mesh(
         "cell": fitted.similarity.length_to_input(surface.grid.cell),
         "evaluations": surface.evaluations,
         "crossed_cells": surface.crossed_cells,
+        "perforations_closed": perforations,
         "floaters_removed": floaters,
         "faces_of_grid": fine,
         "bound": BOUND,

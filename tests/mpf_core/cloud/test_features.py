@@ -36,6 +36,14 @@ def test_normals_beside_edges_are_those_of_the_faces(name: str) -> None:
     assert wrong(analyse(points, threads=1).normals, exact) < 0.03
 
 
+def test_a_rim_three_spacings_wide_is_a_face() -> None:
+    """No patch lies on it alone: the planes through pairs of neighbours find it."""
+    points, exact = sampled("plate-0.1", 10_000)
+    rim = (np.abs(exact[:, 2]) < 0.5) & (np.abs(points[:, 2]) < 0.035)
+    found = analyse(points, threads=1).normals
+    assert wrong(found[rim], exact[rim]) < 0.03
+
+
 def test_smooth_shapes_keep_theirs() -> None:
     points, exact = sampled("torus", 5000)
     assert wrong(analyse(points, threads=1).normals, exact) < 0.001

@@ -140,7 +140,7 @@ def test_the_validator_is_one_that_finds_faults(tmp_path: Path) -> None:
 
 
 def test_ply_in_open3d(tmp_path: Path) -> None:
-    """Half a gigabyte that the project does not need: `pip install open3d` to run this."""
+    """Open3D needs libusb, which scripts/test brings where it may."""
     open3d = pytest.importorskip(
         "open3d", reason="open3d, which is optional, cannot be loaded", exc_type=ImportError
     )
