@@ -187,9 +187,10 @@ def _deadline(
 ) -> float:
     """Seconds after the beginning at which the fit must end, for all to end in time."""
     budget = options.fit.time_budget
-    alike = theta_of(MetricPhaseField(width=options.fit.width, omega=options.fit.omega))
+    drawn = torch.Generator().manual_seed(options.seed)
+    alike = MetricPhaseField(width=options.fit.width, omega=options.fit.omega, generator=drawn)
     area = area_of(neighbours, 0.0 if start is None else 1 - start.seeded)
-    needed = seconds_after_fit(options.surface, footprint, area, alike, clock)
+    needed = seconds_after_fit(options.surface, footprint, area, theta_of(alike), clock)
     return budget - float(np.clip(needed, LEAST_KEPT * budget, MOST_KEPT * budget))
 
 

@@ -28,7 +28,9 @@ CLOSE = 0.07  # of the local spacing: within it a neighbour is on the plane
 GAIN = 2.0  # times the votes of the patch's own plane
 # A plane that holds this share of the patch, and from which most of the rest falls steeply away, by
 # so many widths, is a face for sure and needs to be less better.
-FLAT, FLAT_GAIN = 0.28, 1.4
+FACE = (0.28, 1.4)
+# In a cloud without noise, a quarter of whose patches are flatter than CLEAN, less will do.
+CLEAN, CLEAN_FACE = 0.04, (0.18, 1.15)
 STEEP = 7.0
 CHUNK = 8192
 
@@ -55,6 +57,7 @@ def sharpened(
     normals = normals.copy()
     if len(rows) == 0 or len(points) <= PATCH:
         return normals
+    face = CLEAN_FACE if np.quantile(flatness, 0.25) < CLEAN else FACE
     index = np.empty((len(rows), PATCH), dtype=np.int64)
     for k in range(0, len(rows), CHUNK):
         found = tree.query(points[rows[k : k + CHUNK]], PATCH + 1, workers=threads)[1]
@@ -67,7 +70,7 @@ def sharpened(
                 part = slice(k, min(k + CHUNK, high))
                 width = CLOSE * spacing[rows[part]]
                 normals[rows[part]] = _voted(
-                    points, before, rows[part], index[part], width, pairs=k >= bent
+                    points, before, rows[part], index[part], width, face, pairs=k >= bent
                 )
     return normals
 
@@ -78,6 +81,7 @@ def _voted(
     rows: NDArray[np.int64],
     index: NDArray[np.int64],
     width: Array,
+    face: tuple[float, float],
     *,
     pairs: bool,
 ) -> Array:
@@ -87,7 +91,7 @@ def _voted(
     votes, total = _votes(candidates, offset)
     if pairs:
         through = _through_pairs(offset[:, :NEAREST])
-        more_votes, more = _votes(through, offset, one_sided=True)
+        more_votes, more = _votes(through, offset, one_sided=face[0])
         candidates = np.concatenate([candidates, through], axis=1)
         votes, total = (np.concatenate(p, axis=1) for p in ((votes, more_votes), (total, more)))
     best = total.argmax(1)
@@ -95,7 +99,7 @@ def _voted(
     most, chosen = total[each, best], candidates[each, best]
     height = np.abs((offset @ chosen[..., None])[..., 0])
     steep = (height > OFF).sum(1) < 1.5 * (height > STEEP).sum(1)
-    gain = np.where(steep & (most > FLAT * PATCH), FLAT_GAIN, GAIN)
+    gain = np.where(steep & (most > face[0] * PATCH), face[1], GAIN)
     better = most > gain * total[:, 0]
     found = normals[rows].copy()
     take = np.flatnonzero(better)
@@ -105,15 +109,16 @@ def _voted(
 
 
 def _votes(
-    candidates: Array, offset: Array, *, one_sided: bool = False
+    candidates: Array, offset: Array, *, one_sided: float | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """How much each neighbour (m, k) lies on each candidate plane (m, c), and their sums."""
+    """How much each neighbour (m, k) lies on each candidate plane (m, c), and their sums, 0 where
+    they are less than that share or neighbours lie on both sides, if `one_sided` is given."""
     height = candidates.astype(np.float32) @ offset.astype(np.float32).transpose(0, 2, 1)
     votes: NDArray[np.float32] = np.exp(-0.5 * height**2)  # (m, c, k)
     total: NDArray[np.float32] = votes.sum(2)
-    if one_sided:
+    if one_sided is not None:
         fewer = np.minimum((height > OFF).sum(2), (height < -OFF).sum(2))
-        total[(fewer > ACROSS) | (total < FLAT * PATCH)] = 0
+        total[(fewer > ACROSS) | (total < one_sided * PATCH)] = 0
     return votes, total
 
 

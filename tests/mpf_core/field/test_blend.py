@@ -29,8 +29,8 @@ def blend(*, colors: bool = False) -> BlendedField:
     """Two networks side by side, of which one's unit is half of the other's."""
     whole = Similarity(UTM, 0.5)
     frames = [
-        Similarity(UTM - [1.0, 0, 0], 1.0),
-        Similarity(UTM + [1.0, 0, 0], 2.0),
+        Similarity(UTM - np.array([1.0, 0, 0]), 1.0),
+        Similarity(UTM + np.array([1.0, 0, 0]), 2.0),
     ]
     tiles = tuple(
         Tile(

@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
+import numpy as np
 import pytest
 
 from mpf_core import options_from
@@ -31,13 +32,14 @@ SMALL: dict[str, Any] = {
     "resolution": 48,
     "slices": 0,
     "threads": 1,
-    "time_budget": 600.0,
+    "time_budget": 86_400.0,
     "surface_points": 256,
     "near_points": 256,
     "far_points": 256,
     "start_points": 1024,
     "tile_points": 1100,
 }
+LONGER: dict[str, Any] = {"max_iterations": 300, "omega": 15.0, "start_points": 2048}
 
 
 def small(**changes: Any) -> Options:
@@ -93,13 +95,16 @@ def made(points: Array, **changes: Any) -> Scene:
 @cache
 def ball() -> Scene:
     """A sphere of radius 3 about (5, 0, 0): a solid, of which each tile sees an open half."""
-    return made(sphere(2000, 3.0) + [5.0, 0, 0])
+    return made(sphere(2000, 3.0) + np.array([5.0, 0, 0]))
 
 
 @cache
 def sheet() -> Scene:
     """A tilted plane of side 4: an open sheet, whose sides nothing but the whole can agree on."""
-    return made(2 * plane(45, tilt=0.3))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mpf_core.tiles.split.THINNEST", 0.03)  # a shell that a tiny fit can hold
+        patch.setattr("mpf_core.tiles.join.PADDING", 0.15)  # and room for it at the rim
+        return made(2 * plane(45, tilt=0.3), fidelity="off", resolution=96, **LONGER)
 
 
 SCENES: dict[str, Callable[[], Scene]] = {"ball": ball, "sheet": sheet}

@@ -42,7 +42,7 @@ def test_a_cancelled_run_goes_on_where_it_was(cloud: Path, tmp_path: Path) -> No
     assert steps == [(k, 120) for k in (20, 40, 60, 80, 100, 120)]
 
     kept, again = tmp_path / "checkpoint", list[Progress]()
-    half = [p for p in told if p.iteration == 80][0].fraction
+    half = next(p for p in told if p.iteration == 80).fraction
     with pytest.raises(Cancelled):
         reconstruct_file(
             cloud,
