@@ -31,6 +31,8 @@ from mpf_core.cloud.prepare import PrepareOptions, prepare
 from mpf_core.field import MetricPhaseField
 from mpf_core.field.fitted import FittedField, theta_of
 from mpf_core.field.footprint import Footprint
+from mpf_core.field.pointwise import prepare as prepare_loops
+from mpf_core.field.precision import products_in
 from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.sampler import paper_pools, pool_size, warm_pools
 from mpf_core.fit.trainer import FitLog, fit_field
@@ -99,6 +101,7 @@ def _reconstructed(
     cloud: PointCloud, options: Options, watch: Watch, threads: int
 ) -> Reconstruction:
     watch.enter("prepare")
+    prepare_loops(products_in(options.fit.precision), watch.cancel)
     prepared = prepare(cloud, PrepareOptions(outlier_sigma=options.fit.outlier_sigma))
     cloud = prepared.cloud
     similarity = Similarity.of(cloud.points)
@@ -215,6 +218,7 @@ def fit_report(
         "notes": log.notes,
         "normal_term": log.normal_term,
         "precision": log.precision,
+        "loops": log.loops,
         "normal_reliability": round(neighbours.normal_reliability, 4),
         "enclosed_regions": None if start is None else start.space.enclosures,
         "enclosing_share": None if start is None else round(start.seeded, 4),

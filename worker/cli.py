@@ -22,9 +22,12 @@ def worker(queues: str | None) -> None:
     from service.artifacts.base import NoSuchStore
     from service.connection import UnsafeRedis
     from worker.main import run_worker
+    from worker.warmup import warming
 
+    settings = settings_with(queues)
     try:
-        run_worker(settings_with(queues))
+        with warming(settings):
+            run_worker(settings)
     except (NoSuchStore, UnsafeRedis) as error:
         raise click.ClickException(str(error)) from error
 

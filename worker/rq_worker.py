@@ -29,6 +29,7 @@ from worker.lease import LeaseKeeper
 from worker.pace import Pace
 from worker.parking import Parking
 from worker.settle import settle
+from worker.warmup import cache_of_loops
 
 log = logging.getLogger("mpf.worker")
 
@@ -87,6 +88,7 @@ class MpfWorker(Worker):
             "RQ_EXECUTION_ID": self.execution.id if self.execution else "",
             "MPF_PARENT_PID": str(os.getpid()),
             "OMP_NUM_THREADS": str(self.settings.threads_per_job()),
+            **cache_of_loops(self.settings),
         }
         command = [sys.executable, "-m", self.job_module]
         self._process = subprocess.Popen(  # noqa: S603

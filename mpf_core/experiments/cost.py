@@ -19,10 +19,11 @@ from mpf_core.experiments.shapes import sample
 from mpf_core.experiments.trial import Row
 from mpf_core.field import FieldJets, Jet, MetricPhaseField, Order
 from mpf_core.field.metric_phase import phase_indicator, sharp_softplus
+from mpf_core.field.pointwise import functions
 from mpf_core.field.precision import products_in
 from mpf_core.fit.initialize import initialize
 from mpf_core.fit.objective import Objective, Stage
-from mpf_core.fit.optimizers import Optimizer
+from mpf_core.fit.optimizers import QUINTICS, Optimizer
 from mpf_core.fit.sampler import warm_pools
 from mpf_core.options import PRESETS, FitOptions
 from mpf_core.parallel import shared, workers
@@ -64,7 +65,8 @@ def measured(directory: Path, asked: Asked, threads: int = 2) -> list[Row]:
     """The rows of the table; nothing is left in `directory`."""
     del directory
     costs, rates = timed(quick=asked.quick, threads=threads)
-    precision = str(products_in(PRESETS["balanced"].fit.precision)).removeprefix("torch.")
+    kept = products_in(PRESETS["balanced"].fit.precision)
+    precision = str(kept).removeprefix("torch.")
     rows: list[Row] = [
         {
             "step": cost.name,
@@ -73,6 +75,7 @@ def measured(directory: Path, asked: Asked, threads: int = 2) -> list[Row]:
             "ratio": cost.plain / cost.seconds,
             "GFLOP": cost.operations / 1e9,
             "our products in": precision,
+            "loops": functions(kept).NAME,
             "share of their rate": cost.operations / cost.seconds / rates[precision],
         }
         for cost in costs
@@ -97,6 +100,7 @@ def timed(*, quick: bool, threads: int) -> tuple[list[Cost], dict[str, float]]:
         options = replace(options, surface_points=64, near_points=64, far_points=64)
         options = replace(options, start_points=256, laplacian_points=16, width=64)
     stages = {"regression": Stage(False, False, False, 1.0), "terms": Stage(True, True, True, 0.0)}
+    functions(products_in(options.precision))  # compiled before anything is timed
     with workers(threads):
         cloud = analyse(sample(SHAPE, POINTS, 0), threads=threads)
         start = initialize(cloud, threads=threads)
@@ -140,7 +144,7 @@ def operations(options: FitOptions, stage: Stage) -> float:
     else:
         points = (options.surface_points + options.near_points) * gradients
         points += options.far_points * values + options.laplacian_points * laplacians
-    muon = 3 * 5 * 3 * options.width  # matrices, rounds, products of each
+    muon = 3 * len(QUINTICS) * 3 * options.width  # matrices, rounds, products of each
     return product * (points + (muon if options.optimizer == "muon" else 0))
 
 

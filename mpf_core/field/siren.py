@@ -17,8 +17,12 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
+from mpf_core.field import plain
 from mpf_core.field.jet import Jet, Order
+from mpf_core.field.pointwise import functions_of_theta
 from mpf_core.field.sweeps import GradientSweep, LaplacianSweep, ValueSweep
+
+BLOCK = 256  # points whose sines, twice 256 KiB, stay in the second cache
 
 
 class Siren(nn.Module):
@@ -82,8 +86,30 @@ class Siren(nn.Module):
     def phase_value(self, x: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
         """θ alone: all that extraction needs, since {φ = 0} = {θ = 0} (Proposition 1).
 
-        Not for training: the sines overwrite their arguments, which saves a fifth of the time.
+        Not for training: what differentiation would need is overwritten.
         """
+        loops = functions_of_theta() if x.dtype is torch.float32 else plain
+        if loops is plain:
+            return self._phase_value_plainly(x)
+        theta = x.new_empty(len(x))
+        w1 = self.input_weight.detach().t().contiguous()
+        w2, w3 = self.shared_weight.detach().t(), self.phase_weight.detach().t()
+        (b1, b2, b3), v = self._phase_biases(), self.phase_output.detach()
+        one, other = (x.new_empty(min(len(x), BLOCK), len(b1)) for _ in range(2))
+        for at in range(0, len(x), BLOCK):
+            block = x[at : at + BLOCK].detach().contiguous()
+            s1, s2 = one[: len(block)], other[: len(block)]
+            loops.first_sine(s1, block, w1, b1)
+            torch.mm(s1, w2, out=s2)
+            loops.sine(s2, b2)
+            torch.mm(s2, w3, out=s1)  # z₃, in the place of s₁
+            loops.sine_output(theta[at : at + BLOCK], s1, b3, v)
+        return theta.add_(self.phase_offset.detach())
+
+    def _phase_biases(self) -> tuple[Tensor, Tensor, Tensor]:
+        return self.input_bias.detach(), self.shared_bias.detach(), self.phase_bias.detach()
+
+    def _phase_value_plainly(self, x: Tensor) -> Tensor:
         s1 = functional.linear(x, self.input_weight, self.input_bias).sin_()
         s2 = functional.linear(s1, self.shared_weight, self.shared_bias).sin_()
         s3 = functional.linear(s2, self.phase_weight, self.phase_bias).sin_()

@@ -7,6 +7,7 @@ pass in blocks that stay in a core's cache. The nodes cannot be differentiated t
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any, ClassVar
 
 import torch
@@ -15,93 +16,115 @@ from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
 from mpf_core.field import waves
+from mpf_core.field.buffers import Buffers
+from mpf_core.field.pointwise import functions
+from mpf_core.field.waves import Desk, Weights
 from mpf_core.parallel import shared
 
 SMALLEST = 32  # points that are worth a thread of their own
-PARAMETERS = 8
 
 Tensors = tuple[Tensor, ...]
+
+_buffers = Buffers()
+
+
+def forget_buffers() -> None:
+    """Give back the memory that the next step would have used."""
+    _buffers.clear()
 
 
 class _Sweep(Function):
     """A sweep block by block, and back with the parameters' derivatives summed.
 
-    Applied to (x, precision of the products, *parameters), it gives a tuple of as many `outputs`.
+    Applied to (x, precision of the products, *parameters), it gives a tuple of outputs.
     """
 
     forward_block: ClassVar[Any]
     backward_block: ClassVar[Any]
-    outputs: ClassVar[int]
     block: ClassVar[int]
 
     @classmethod
     def forward(
         cls, ctx: Any, x: Tensor, precision: torch.dtype | None, *parameters: Tensor
     ) -> Tensors:
-        cast = _cast(parameters, precision)
+        x = x.detach().contiguous()
+        desk = _desk(parameters, precision)
 
-        def part(points: slice) -> list[Tensors]:
-            return [cls.forward_block(block, *cast) for block in torch.split(x[points], cls.block)]
+        def part(points: slice) -> list[tuple[Tensors, Tensors]]:
+            return [cls.forward_block(desk, block) for block in torch.split(x[points], cls.block)]
 
         blocks = [one for some in shared(part, len(x), smallest=SMALLEST) for one in some]
-        kept = [tensor for one in blocks for tensor in one[cls.outputs :]]
-        ctx.save_for_backward(x, *parameters, *kept)
-        ctx.precision = precision
-        ctx.lengths = [one[0].shape[1] for one in blocks]
-        return tuple(torch.cat([one[k] for one in blocks], 1) for k in range(cls.outputs))
+        ctx.save_for_backward(x, *parameters)
+        ctx.desk, ctx.kept = desk, [kept for _, kept in blocks]
+        outputs = zip(*(found for found, _ in blocks), strict=True)
+        return tuple(torch.cat(parts, 1) for parts in outputs)
 
     @classmethod
     @once_differentiable
     def backward(cls, ctx: Any, *bars: Tensor) -> tuple[Tensor | None, ...]:
-        x, *rest = ctx.saved_tensors
-        parameters, kept = tuple(rest[:PARAMETERS]), rest[PARAMETERS:]
-        cast = _cast(parameters, ctx.precision)
-        each = len(kept) // len(ctx.lengths)
-        ends = torch.tensor([0, *ctx.lengths]).cumsum(0).tolist()
+        x, *parameters = ctx.saved_tensors  # which complains if a parameter has changed since
+        desk, blocks = ctx.desk, ctx.kept
+        if blocks is None:
+            raise RuntimeError("a sweep goes back once: its intermediates are overwritten then")
+        ctx.kept = None
+        ends = torch.tensor([0, *(len(kept[0]) for kept in blocks)]).cumsum(0).tolist()
         x_bar = torch.empty_like(x) if ctx.needs_input_grad[0] else None
 
-        def part(blocks: slice) -> list[Tensor]:
-            sums = [torch.zeros_like(p) for p in parameters]
-            for k in range(blocks.start, blocks.stop):
+        def part(some: slice) -> Weights:
+            sums = _zeros(parameters)
+            for k in range(some.start, some.stop):
                 points = slice(ends[k], ends[k + 1])
-                saved = tuple(kept[k * each : (k + 1) * each])
-                some = [bar[:, points] for bar in bars]
-                z1_bar = cls.backward_block(x[points], cast, saved, *some, sums)
+                of_block = [bar[:, points].contiguous() for bar in bars]
+                z1_bar = cls.backward_block(desk, x[points], blocks[k], sums, *of_block)
                 if x_bar is not None:
-                    x_bar[points] = z1_bar @ parameters[0]
+                    x_bar[points] = z1_bar.to(x.dtype) @ parameters[0]
+                desk.buffers.give(z1_bar, *blocks[k])
             return sums
 
-        first, *others = shared(part, len(ctx.lengths))
+        first, *others = shared(part, len(blocks))
         for sums in others:
-            for total, more in zip(first, sums, strict=True):
-                total.add_(more)
-        return (x_bar, None, *first)
+            for field in fields(Weights):
+                getattr(first, field.name).add_(getattr(sums, field.name))
+        return (x_bar, None, *_by_parameters(first, parameters))
 
 
-def _cast(parameters: Tensors, precision: torch.dtype | None) -> Tensors:
+def _desk(parameters: Tensors, precision: torch.dtype | None) -> Desk:
     """The parameters with the square matrices in the precision asked for their products."""
-    if precision is None:
-        return parameters
-    w1, b1, w2, b2, v3, b3, v, offsets = parameters
-    return w1, b1, w2.to(precision), b2, v3.to(precision), b3, v, offsets
+    w1, b1, w2, b2, v3, b3, v, offsets = (p.detach() for p in parameters)
+    kept = precision or w2.dtype
+    u3 = (v[:, :, None] * v3).to(kept)
+    w2, v3 = w2.to(kept), v3.to(kept)
+    weights = Weights(w1.t().contiguous(), b1, w2, b2, v3, b3, v, offsets, u3)
+    return Desk(functions(kept), _buffers, weights)
+
+
+def _zeros(parameters: Tensors) -> Weights:
+    w1, *others = parameters
+    return Weights(*(p.new_zeros(p.shape) for p in (w1.t(), *others, parameters[4])))
+
+
+def _by_parameters(sums: Weights, parameters: Tensors) -> Tensors:
+    """U's part goes to V; v's part of it is in its sum already."""
+    v3 = sums.v3.addcmul_(parameters[6][:, :, None], sums.u3)
+    return sums.w1.t(), sums.b1, sums.w2, sums.b2, v3, sums.b3, sums.v, sums.offsets
 
 
 class ValueSweep(_Sweep):
     """y (2, n): both heads' outputs at x (n, 3)."""
 
     forward_block, backward_block = waves.values, waves.values_back
-    outputs, block = 1, 1024
+    block = 512
 
 
 class GradientSweep(_Sweep):
     """y (2, n) and ∇y (2, n, 3)."""
 
     forward_block, backward_block = waves.gradients, waves.gradients_back
-    outputs, block = 2, 1024
+    block = 256
 
 
 class LaplacianSweep(_Sweep):
     """y (2, n), ∇y (2, n, 3) and Δy (2, n)."""
 
     forward_block, backward_block = waves.laplacians, waves.laplacians_back
-    outputs, block = 3, 256
+    block = 64

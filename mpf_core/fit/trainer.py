@@ -17,7 +17,9 @@ from torch import Tensor
 
 from mpf_core.errors import Cancelled, CheckpointError, Diverged, OutOfTime
 from mpf_core.field import MetricPhaseField
+from mpf_core.field.pointwise import prepare, why_plain
 from mpf_core.field.precision import products_in
+from mpf_core.field.sweeps import forget_buffers
 from mpf_core.fit.checkpoint import State, fingerprint, read_state, write_state
 from mpf_core.fit.objective import Objective, Stage
 from mpf_core.fit.optimizers import Optimizer
@@ -63,7 +65,7 @@ class FitLog:
     "iterations", "plateau", "clock", "cancel" (the caller's `stop`). A run with
     `--max-iterations planned` and a time budget that does not bind repeats it. `kept` is the
     iteration whose state was delivered, `resumed_from` the one that a checkpoint held; `precision`
-    that of the hidden products.
+    that of the hidden products; `loops` "fused" where those over single entries were compiled.
     """
 
     planned: int = 0
@@ -72,6 +74,7 @@ class FitLog:
     stopped_by: str = "iterations"
     normal_term: bool = False
     precision: str = "float32"
+    loops: str = "plain"
     retries: int = 0
     kept: int = 0
     resumed_from: int | None = None
@@ -119,10 +122,16 @@ def fit_field(
     the deadline leaves too few iterations for one; Diverged when lower rates do not help.
     """
     log = FitLog(normal_term=wants_normals(options, reliability))
+    log.loops = prepare(products_in(options.precision), control.cancel).NAME
+    if log.loops == "plain":
+        log.notes.append(f"Steps took longer, as loops could not be compiled: {why_plain()}")
     trainer = Trainer(pools, options, seed, log)
     if control.checkpoint is not None:
         trainer.name = fingerprint(pools, options, seed, threads)
-    trainer.run(control)
+    try:
+        trainer.run(control)
+    finally:
+        forget_buffers()
     return trainer.field, log
 
 

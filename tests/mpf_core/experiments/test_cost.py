@@ -25,6 +25,7 @@ def test_the_quick_form_measures_both_kinds_of_steps(tmp_path: Path) -> None:
         assert row["ratio"] == pytest.approx(row["plain autograd, ms"] / row["ours, ms"])
         assert row["GFLOP"] > 0
         assert row["our products in"] in ("float32", "bfloat16")
+        assert row["loops"] == "fused"
         assert row["share of their rate"] > 0
     assert mix["ours, ms"] == pytest.approx(0.6 * alone["ours, ms"] + 0.52 * terms["ours, ms"])
     # Second derivatives by double backward cost more than those carried along, whatever the size.

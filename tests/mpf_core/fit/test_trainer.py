@@ -14,7 +14,7 @@ import torch
 
 from mpf_core.cloud.neighbors import analyse
 from mpf_core.errors import Cancelled, CheckpointError, Diverged, OutOfTime
-from mpf_core.field import MetricPhaseField
+from mpf_core.field import MetricPhaseField, pointwise
 from mpf_core.fit import trainer as trainer_module
 from mpf_core.fit.checkpoint import read_state
 from mpf_core.fit.initialize import initialize
@@ -85,6 +85,16 @@ def test_a_seed_repeats_a_fit_bit_for_bit(optimizer: str) -> None:
     assert same(one, two)
     assert not same(one, other)
     assert (log.iterations, log.planned, log.stopped_by) == (40, 40, "iterations")
+
+
+def test_a_fit_says_which_loops_it_ran_and_does_without_compiled_ones() -> None:
+    _, log = fit(tiny())
+    assert (log.loops, log.notes) == ("fused", [])
+    with pointwise.uncompiled("there is no compiler"):
+        (one, log), (two, _) = fit(tiny()), fit(tiny())
+    assert same(one, two)
+    assert log.loops == "plain"
+    assert log.notes == ["Steps took longer, as loops could not be compiled: there is no compiler"]
 
 
 def test_a_fit_lowers_its_loss_and_reports_every_twenty_steps() -> None:

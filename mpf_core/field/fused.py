@@ -1,0 +1,99 @@
+"""The functions of `plain` over tensors, by compiled loops: one pass over memory for each.
+
+Importing this loads the compiler (numba), which may not be there; `pointwise` decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import torch
+from numba import types
+from torch import Tensor
+
+from mpf_core.field import kernels
+
+NAME = "fused"
+
+# Types of the arguments: K kept, F float32, with the number of dimensions; 0 left out.
+FORMS: dict[str, tuple[str, ...]] = {
+    "first": ("K2 K2 F2 F2 F1",),
+    "layer": ("K2 K2 F1",),
+    "output": ("F2 K3 K3 F2 F2",),
+    "layer_back": ("K2 F1 K2 K2 0", "K2 F1 K2 K2 K2"),
+    "first_back": ("K2 F2 F1 K2 K2 0 F2", "K2 F2 F1 K2 K2 K2 F2"),
+    "output_back": ("K3 F2 F2 K3 0 F2 F2", "K3 F2 F2 K3 K3 F2 F2"),
+    "times": ("K3 K3 K2",),
+    "times_back": ("K3 K2 K3 K2",),
+    "slopes": ("F3 K3 K2 F2",),
+    "slopes_back": ("K3 K2 F2 K2 F2 F3",),
+    "bent": ("K3 K3 K2 K2",),
+    "bent_back": ("K3 K2 F1 K3 K2 K2",),
+    "bent_first": ("K3 F2 K2 K2",),
+    "bent_first_back": ("K2 F2 F1 K3 F2 K2 K2 F2",),
+    "bent_output": ("F3 K4 K3 K3 F2",),
+    "bent_output_back": ("K4 K3 F2 F2 K3 F2 F2 F3",),
+}
+OF_THETA: dict[str, tuple[str, ...]] = {
+    "first_sine": ("F2 F2 F2 F1",),
+    "sine": ("F2 F1",),
+    "sine_output": ("F1 F2 F1 F1",),
+}
+
+
+def compilations(kept: torch.dtype | None) -> Iterator[Callable[[], None]]:
+    """What compiles, one after another, all that a fit with arrays kept in that type calls, or all
+    that θ alone takes."""
+    for name, forms in (OF_THETA if kept is None else FORMS).items():
+        for form in forms:
+            yield _compilation(name, form, kept)
+
+
+def _compilation(name: str, form: str, kept: torch.dtype | None) -> Callable[[], None]:
+    def of(code: str) -> Any:
+        if code == "0":
+            return types.none
+        narrow = code[0] == "K" and kept is torch.bfloat16
+        return types.Array(types.uint16 if narrow else types.float32, int(code[1]), "C")
+
+    return lambda: getattr(kernels, name).compile(tuple(of(code) for code in form.split()))
+
+
+def _over_tensors(name: str) -> Callable[..., None]:
+    kernel = getattr(kernels, name)
+
+    def run(*arguments: Tensor | None) -> None:
+        kernel(*[_array(a) for a in arguments])
+
+    return run
+
+
+def _array(a: Tensor | None) -> Any:
+    """The tensor's memory as numpy sees it."""
+    if a is None:
+        return None
+    if a.dtype is torch.bfloat16:
+        a = a.view(torch.uint16)
+    return a.numpy()
+
+
+first = _over_tensors("first")
+layer = _over_tensors("layer")
+output = _over_tensors("output")
+layer_back = _over_tensors("layer_back")
+first_back = _over_tensors("first_back")
+output_back = _over_tensors("output_back")
+times = _over_tensors("times")
+times_back = _over_tensors("times_back")
+slopes = _over_tensors("slopes")
+slopes_back = _over_tensors("slopes_back")
+bent = _over_tensors("bent")
+bent_back = _over_tensors("bent_back")
+bent_first = _over_tensors("bent_first")
+bent_first_back = _over_tensors("bent_first_back")
+bent_output = _over_tensors("bent_output")
+bent_output_back = _over_tensors("bent_output_back")
+first_sine = _over_tensors("first_sine")
+sine = _over_tensors("sine")
+sine_output = _over_tensors("sine_output")

@@ -1,0 +1,96 @@
+"""Which functions do a sweep's pointwise work: `fused` where they can be compiled, else `plain`.
+
+Compiling takes some seconds once for each type of array, a fraction of one where the cache of an
+earlier process serves (numba keeps it beside the package or in NUMBA_CACHE_DIR).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import ModuleType
+
+import torch
+
+from mpf_core.errors import Cancelled
+from mpf_core.field import plain
+from mpf_core.progress import CancelCheck
+
+
+class Choice:
+    """What this process has compiled, by the type of the arrays; `reason`: why it compiles none."""
+
+    def __init__(self, reason: str | None = None) -> None:
+        self.reason = reason
+        self._lock = threading.RLock()
+        self._of_fits: dict[torch.dtype, ModuleType] = {torch.float64: plain}
+        self._of_theta: ModuleType | None = None
+
+    def functions(self, kept: torch.dtype, cancel: CancelCheck | None) -> ModuleType:
+        found = self._of_fits.get(kept)
+        if found is None:
+            with self._lock:
+                found = self._of_fits.get(kept) or self._compile(kept, cancel)
+                self._of_fits[kept] = found
+        return found
+
+    def functions_of_theta(self, cancel: CancelCheck | None) -> ModuleType:
+        if self._of_theta is None:
+            with self._lock:
+                self._of_theta = self._of_theta or self._compile(None, cancel)
+        return self._of_theta
+
+    def _compile(self, kept: torch.dtype | None, cancel: CancelCheck | None) -> ModuleType:
+        if self.reason is not None:
+            return plain
+        try:
+            from mpf_core.field import fused
+
+            for compilation in fused.compilations(kept):
+                if cancel is not None and cancel():
+                    raise Cancelled("cancelled while loops were compiled", where="compilation")
+                compilation()
+        except Cancelled:
+            raise
+        except Exception as error:  # a compiler fails in ways of its own; a fit can do without
+            self.reason = f"{type(error).__name__}: {error}".splitlines()[0]
+            return plain
+        return fused
+
+
+_chosen = [Choice()]  # the last one holds
+
+
+def functions(kept: torch.dtype, cancel: CancelCheck | None = None) -> ModuleType:
+    """What works on a fit's arrays kept in that type; float64 is always `plain`.
+
+    Raises Cancelled when `cancel` says so, which is asked before each of the small compilations.
+    """
+    return _chosen[-1].functions(kept, cancel)
+
+
+def functions_of_theta(cancel: CancelCheck | None = None) -> ModuleType:
+    """What works on θ alone, in float32; raises Cancelled likewise."""
+    return _chosen[-1].functions_of_theta(cancel)
+
+
+def prepare(kept: torch.dtype, cancel: CancelCheck | None = None) -> ModuleType:
+    """All that a fit and its extraction call, so that no compilation falls into what is timed."""
+    functions_of_theta(cancel)
+    return functions(kept, cancel)
+
+
+def why_plain() -> str | None:
+    """Why loops are not compiled, once that was tried in vain."""
+    return _chosen[-1].reason
+
+
+@contextmanager
+def uncompiled(reason: str = "not asked for") -> Iterator[None]:
+    """Within, all is `plain`: what to compare with."""
+    _chosen.append(Choice(reason))
+    try:
+        yield
+    finally:
+        _chosen.pop()
