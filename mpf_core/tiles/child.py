@@ -14,6 +14,8 @@ from mpf_core.errors import FitError
 from mpf_core.field.artefact import save_field
 from mpf_core.field.fitted import FittedField
 from mpf_core.field.footprint import Footprint
+from mpf_core.field.pointwise import prepare as prepare_loops
+from mpf_core.field.precision import products_in
 from mpf_core.files import write_atomically
 from mpf_core.fit.inherited import inherited
 from mpf_core.fit.initialize import Initialization
@@ -92,6 +94,7 @@ def _fitted(
     tile: TileData, out: Path, options: Options, watch: Watch, threads: int
 ) -> dict[str, Any]:
     watch.enter("prepare")
+    prepare_loops(products_in(options.fit.precision), watch.cancel)
     samples = tile.similarity.to_normalised(tile.points)
 
     def begin(neighbours: Neighborhoods) -> Initialization:

@@ -1,7 +1,7 @@
 """What the samples of a tile say, as a file beside its field: `patches.safetensors`.
 
 The last step of the joined mesh needs it. To find it out takes as long as hundreds of steps of
-the fit, so it is done once, by whoever fits the tile. Lengths are those of the tile's normalised frame.
+the fit, so it is done once, by whoever fits the tile. Lengths are those of the tile's frame.
 """
 
 from __future__ import annotations
