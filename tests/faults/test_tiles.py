@@ -50,6 +50,8 @@ def test_a_job_in_tiles_survives_a_kill_in_each_part(own_server: Server, tmp_pat
     settings = settings_for(
         own_server, tmp_path, content_check_bytes=0, heartbeat_seconds=0.3, lease_seconds=1.5
     )
+    redis = connect(settings)
+    store = TileStore(redis, retention_seconds=100.0)
     name = f"tiled-{TILES}-each{SECONDS}.xyz"
     with running_api(settings) as api:
         job_id = httpx2.post(f"{api}/jobs", timeout=30, **form(name=name)).json()["id"]
@@ -82,16 +84,14 @@ def test_a_job_in_tiles_survives_a_kill_in_each_part(own_server: Server, tmp_pat
             pass
         with running_worker(settings):
             job = wait_for(lambda: _ended(killed.url), 60, "the end")
+            wait_for(lambda: not store.families(), 10, "the tiles are gone")
         assert job["state"] == "succeeded", job["problem"]
         report = httpx2.get(f"{killed.url}/report.json", timeout=20).json()
         assert report["fields"] == [f"tile {n}" for n in range(TILES)]
         assert report["attempt"] == job["attempt"] == 4  # two to split, two to join
 
-    redis = connect(settings)
     events = redis.xrange(f"mpf:job:{job_id}:events")
     assert sum(b'"succeeded"' in told[b"data"] for _, told in events) == 1
-    store = TileStore(redis, retention_seconds=100.0)
-    wait_for(lambda: not store.families(), 10, "the tiles are gone")
     assert [p.name for p in (settings.data_dir / "jobs").iterdir()] == [job_id]
     folder = settings.data_dir / "jobs" / job_id
     assert [p.name for p in folder.glob("result-*")] == ["result-4"]
