@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from mpf_core.options import Options, options_from
 
 if TYPE_CHECKING:
-    from mpf_core.field.artefact import load_field, save_field
+    from mpf_core.field.blendfile import load_field, save_field
     from mpf_core.pipeline import Reconstruction, reconstruct
     from mpf_core.reuse import extract, slice_png
 
@@ -34,8 +34,8 @@ _LATE = {
     "reconstruct": "pipeline",
     "extract": "reuse",
     "slice_png": "reuse",
-    "load_field": "field.artefact",
-    "save_field": "field.artefact",
+    "load_field": "field.blendfile",
+    "save_field": "field.blendfile",
 }
 
 

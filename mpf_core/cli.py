@@ -56,6 +56,8 @@ def main() -> None:
               help="Any other option by its name, e.g. --set omega=30.")  # fmt: skip
 @click.option("--field", type=click.Path(path_type=Path, dir_okay=False),
               help="File for the fitted field, for `mpf extract` and `mpf slice`.")  # fmt: skip
+@click.option("--checkpoint", type=click.Path(path_type=Path, dir_okay=False),
+              help="File for the state of the fit: the same command goes on from it.")  # fmt: skip
 @click.option("--slices", type=click.Path(path_type=Path, file_okay=False),
               help="Folder for φ-slice pictures.")  # fmt: skip
 @click.option("--report", type=click.Path(path_type=Path, dir_okay=False),
@@ -64,19 +66,21 @@ def reconstruct(
     input: Path,
     output: Path,
     field: Path | None,
+    checkpoint: Path | None,
     slices: Path | None,
     report: Path | None,
     **flags: Any,
 ) -> None:
     """Reconstruct the surface of the point cloud INPUT (.ply, .xyz)."""
     with told_errors(input):
-        _reconstruct(input, output, field, slices, report, flags)
+        _reconstruct(input, output, field, checkpoint, slices, report, flags)
 
 
 def _reconstruct(
     input: Path,
     output: Path,
     field: Path | None,
+    checkpoint: Path | None,
     slices: Path | None,
     report: Path | None,
     flags: dict[str, Any],
@@ -84,18 +88,18 @@ def _reconstruct(
     check_output(output, ".glb", ".ply")
     if field is not None:
         check_output(field, option="--field")
+    if checkpoint is not None:
+        check_output(checkpoint, option="--checkpoint")
     options = options_from(changes_in(flags))
     clock_start = time.monotonic()
-    from mpf_core import pipeline, results  # load torch
-    from mpf_core.cloud.reader import read_cloud
-    from mpf_core.field.artefact import save_field
+    from mpf_core import outputs, results  # load torch
+    from mpf_core.field.blendfile import save_field
     from mpf_core.surface.export import write_mesh
     from mpf_core.watch import Watch
 
     line = ProgressLine()
-    watch = Watch(time.monotonic, line.show, None, begin=clock_start)
-    watch.enter("read")
-    result = pipeline.reconstruct_cloud(read_cloud(input), options, watch)
+    watch = Watch(time.monotonic, line.show, None, begin=clock_start, checkpoint=checkpoint)
+    result = results.reconstructed(input, options, watch)
     write_mesh(result.mesh, output)
     if field is not None:
         save_field(result.fitted, field)
@@ -104,11 +108,11 @@ def _reconstruct(
     told = dict(result.report)
     if slices is not None:
         slices.mkdir(parents=True, exist_ok=True)
-        told["slices"] = results.write_stack(
+        told["slices"] = outputs.write_stack(
             result.fitted, options.surface.slices, slices, options.threads
         )
     if report is not None:
-        results.write_report(told, report)
+        outputs.write_report(told, report)
     click.echo(summary(result.report, output, seconds))
 
 

@@ -7,6 +7,9 @@
     │   ├── FieldError             the file is not a fitted field that can be used
     │   │   ├── FieldFormat
     │   │   └── FieldVersion
+    │   ├── TileError              the file is not a part of a split cloud that can be used
+    │   │   ├── TileFormat
+    │   │   └── TileVersion
     │   └── OptionsError           an option is unknown, out of range or contradicts another
     │       └── OutsideBox
     ├── FitError                   the fit could not end well: exit code 3, HTTP job `failed`
@@ -111,6 +114,24 @@ class FieldVersion(FieldError):
     """The field was written by later software."""
 
     code = "field.version"
+
+
+class TileError(InputError):
+    """The file is not a part of a split cloud that can be used."""
+
+    code = "tile"
+
+
+class TileFormat(TileError):
+    """The file is not a plan or a tile, or a damaged one."""
+
+    code = "tile.format"
+
+
+class TileVersion(TileError):
+    """The plan or tile was written by later software."""
+
+    code = "tile.version"
 
 
 class OptionsError(InputError):

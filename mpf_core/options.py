@@ -2,7 +2,8 @@
 
 `Options` is a value. A preset is such a value with a name, nothing else; `options_from` starts at
 a preset and replaces what a caller names. Callers see one flat namespace of fields; the groups
-(`fit`, `surface`, `data`) only say which room reads them. Lengths are normalised ([-1, 1]³).
+(`fit`, `surface`, `data`, `tile`) only say which room reads them. Lengths are normalised
+([-1, 1]³).
 """
 
 from __future__ import annotations
@@ -250,6 +251,27 @@ class DataOptions:
 
 
 @dataclass(frozen=True)
+class TileOptions:
+    """When a cloud is fitted in parts."""
+
+    tiles: str = option(
+        "auto",
+        "Fit clouds of more than tile_points samples in overlapping tiles, and blend their fields: "
+        "finer detail, and longer in proportion. Needs the warm start.",
+        choices=("auto", "off"),
+        expert=False,
+    )
+    tile_points: int = option(
+        400_000,
+        "Samples of a tile. A fit analyses at most 200 000 of those that it is given, and its "
+        "network cannot hold more: two in one voxel are no loss, three would be.",
+        low=100,
+        high=10_000_000,
+        unit="samples",
+    )
+
+
+@dataclass(frozen=True)
 class Options:
     """All choices of one reconstruction."""
 
@@ -267,6 +289,7 @@ class Options:
     fit: FitOptions = field(default_factory=FitOptions)
     surface: SurfaceOptions = field(default_factory=SurfaceOptions)
     data: DataOptions = field(default_factory=DataOptions)
+    tile: TileOptions = field(default_factory=TileOptions)
 
 
 PRESETS: dict[str, Options] = {

@@ -24,8 +24,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mpf_core.cloud.denoise import Smoothed, denoise, smoothed
-from mpf_core.cloud.neighbors import Neighborhoods, analyse, median_spacing
+from mpf_core.cloud.neighbors import Neighborhoods, median_spacing
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.cloud.prepare import PrepareOptions, prepare
@@ -34,9 +33,10 @@ from mpf_core.field.fitted import FittedField, theta_of
 from mpf_core.field.footprint import Footprint
 from mpf_core.field.pointwise import prepare as prepare_loops
 from mpf_core.field.precision import products_in
-from mpf_core.fit.initialize import Initialization, initialize
+from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.sampler import paper_pools, pool_size, warm_pools
 from mpf_core.fit.trainer import FitLog, fit_field
+from mpf_core.known import known_of
 from mpf_core.options import Options
 from mpf_core.parallel import workers
 from mpf_core.preview import Previews, coarse_mesh
@@ -106,27 +106,16 @@ def _reconstructed(
     cloud = prepared.cloud
     similarity = Similarity.of(cloud.points)
     samples = similarity.to_normalised(cloud.points)
-    remove = options.fit.denoise != "off"
-    cleaned = denoise(samples, remove=remove, seed=options.seed, threads=threads)
-    neighbours = analyse(cleaned.thinned, threads=threads)
     input_tree = cKDTree(samples)
     spacing = median_spacing(input_tree, threads)
+    known = known_of(samples, options, watch, threads)
+    neighbours, start = known.neighbours, known.start
 
-    watch.enter("initialize")
     rng = np.random.default_rng(options.seed)
-    start: Initialization | None = None
-    calm: Smoothed | None = None
-    if options.fit.warm_start:
-        start = initialize(neighbours, threads=threads)
-        watch.check()
-        calm = smoothed(cleaned.measured, neighbours, start.normals, threads) if remove else None
-        if calm is not None:
-            neighbours = analyse(calm.points, threads=threads)
-            start = initialize(neighbours, threads=threads)
-        known = cleaned.points if calm is None else calm.points
-        pools = warm_pools(known, neighbours, start, rng, size=pool_size(options.fit))
-    else:
+    if start is None:
         pools = paper_pools(neighbours, rng, threads=threads)
+    else:
+        pools = warm_pools(known.points, neighbours, start, rng, size=pool_size(options.fit))
 
     box = np.stack([neighbours.points.min(0) - PADDING, neighbours.points.max(0) + PADDING])
     painted = None if cloud.colors is None else (input_tree, cloud.colors)
@@ -174,11 +163,11 @@ def _reconstructed(
         **run_report(options),
         "input": {
             **input_report(cloud.notes, prepared.report),
-            "noise": similarity.length_to_input(calm.noise if calm else cleaned.sigma),
-            "denoised": calm is not None or cleaned.points is not samples,
+            "noise": similarity.length_to_input(known.noise),
+            "denoised": known.denoised,
         },
         "frame": {"center": similarity.center.tolist(), "scale": similarity.scale},
-        "fit": _fit_report(neighbours, start, log, previews),
+        "fit": fit_report(neighbours, start, log, previews),
         "extraction": taken.report,
         "surface": {
             **surface_report(final.mesh, cloud.points),
@@ -208,12 +197,13 @@ def _deadline(
     return budget - float(np.clip(needed, LEAST_KEPT * budget, MOST_KEPT * budget))
 
 
-def _fit_report(
+def fit_report(
     neighbours: Neighborhoods,
     start: Initialization | None,
     log: FitLog,
-    previews: Previews | None,
+    previews: Previews | None = None,
 ) -> dict[str, Any]:
+    """What a report tells of a fit."""
     last = log.history[-1] if log.history else None
     return {
         "iterations": log.iterations,

@@ -11,14 +11,14 @@ import torch
 
 from mpf_core.errors import OptionsError, OutsideBox
 from mpf_core.extraction_options import AXES, FIELDS, ExtractionOptions, extraction_to_mapping
-from mpf_core.field.artefact import load_field
-from mpf_core.field.fitted import FittedField, field_of
+from mpf_core.field.blendfile import load_field
+from mpf_core.field.fitted import Fitted
 from mpf_core.files import write_atomically
 from mpf_core.options import SurfaceOptions
+from mpf_core.outputs import write_report, write_stack
 from mpf_core.parallel import workers
 from mpf_core.progress import CancelCheck, Clock, ProgressCallback
 from mpf_core.quality.report import surface_report, versions_report
-from mpf_core.results import write_report, write_stack
 from mpf_core.surface.edit import edited
 from mpf_core.surface.export import write_glb, write_ply
 from mpf_core.surface.extraction import Extraction, extract_mesh
@@ -30,7 +30,7 @@ BEGINS = {"read": 0.0, "extract": 0.05, "slices": 0.7, "report": 0.9, "done": 1.
 
 
 def extract(
-    fitted: FittedField,
+    fitted: Fitted,
     options: SurfaceOptions | None = None,
     *,
     threads: int | None = None,
@@ -53,9 +53,7 @@ def extract(
     return Extraction(final.mesh, taken.report | told)
 
 
-def slice_png(
-    fitted: FittedField, *, axis: str, at: float | None = None, name: str = "phi"
-) -> bytes:
+def slice_png(fitted: Fitted, *, axis: str, at: float | None = None, name: str = "phi") -> bytes:
     """PNG of φ, r, θ or P (`name` in phi, r, theta, P) on the plane `axis` = `at`.
 
     at: in the input's units, the middle of the box if not given. Raises OptionsError, OutsideBox.
@@ -68,12 +66,12 @@ def slice_png(
     place = (
         float(fitted.box[:, AXES.index(axis)].mean()) if at is None else inside(fitted, axis, at)
     )
-    evaluate = field_of(fitted.field, name)
+    evaluate = fitted.values(name)
     with workers(torch.get_num_threads()):
         return cut(evaluate, fitted.similarity, fitted.box, axis, place, field=name).picture
 
 
-def inside(fitted: FittedField, axis: str, at: float) -> float:
+def inside(fitted: Fitted, axis: str, at: float) -> float:
     """The normalised coordinate of `at` along `axis`; raises OutsideBox beyond the field's box."""
     column = AXES.index(axis)
     corners = fitted.similarity.to_input(fitted.box)[:, column]
@@ -130,7 +128,7 @@ def extract_file(
 
 
 def report_of(
-    fitted: FittedField, options: ExtractionOptions, taken: Extraction | None
+    fitted: Fitted, options: ExtractionOptions, taken: Extraction | None
 ) -> dict[str, Any]:
     """What was asked for and, if a mesh was, what it is like; distances are to the kept samples."""
     report: dict[str, Any] = {
@@ -147,7 +145,7 @@ def report_of(
     return report
 
 
-def _places(fitted: FittedField, options: ExtractionOptions) -> list[tuple[str, str, list[float]]]:
+def _places(fitted: Fitted, options: ExtractionOptions) -> list[tuple[str, str, list[float]]]:
     """Field, axis and normalised positions of every cut."""
     return [
         (
@@ -162,13 +160,13 @@ def _places(fitted: FittedField, options: ExtractionOptions) -> list[tuple[str, 
 
 
 def _write_cuts(
-    fitted: FittedField, places: list[tuple[str, str, list[float]]], out: Path, watch: Watch
+    fitted: Fitted, places: list[tuple[str, str, list[float]]], out: Path, watch: Watch
 ) -> list[dict[str, Any]]:
     """Each field's cuts across an axis are numbered in the order in which they were asked for."""
     numbers: dict[tuple[str, str], int] = {}
     written = []
     for name, axis, positions in places:
-        evaluate = field_of(fitted.field, name)
+        evaluate = fitted.values(name)
         for place in positions:
             watch.check()
             made = cut(evaluate, fitted.similarity, fitted.box, axis, place, field=name)

@@ -28,8 +28,8 @@ def extract(field: Path, output: Path, report: Path | None, **flags: Any) -> Non
         check_output(output, ".glb", ".ply")
         options = extraction_from(changes_in(flags))
         begin = time.monotonic()
-        from mpf_core import results, reuse  # load torch
-        from mpf_core.field.artefact import load_field
+        from mpf_core import outputs, reuse  # load torch
+        from mpf_core.field.blendfile import load_field
         from mpf_core.surface.export import write_mesh
 
         fitted = load_field(field)
@@ -37,7 +37,7 @@ def extract(field: Path, output: Path, report: Path | None, **flags: Any) -> Non
         write_mesh(taken.mesh, output)
         told = reuse.report_of(fitted, options, taken)
         if report is not None:
-            results.write_report(told, report)
+            outputs.write_report(told, report)
     surface, cells = told["surface"], told["extraction"]["resolution"]
     shut = "watertight" if surface["watertight"] else f"{surface['boundary_edges']} boundary edges"
     pieces = surface["components"]
@@ -61,7 +61,7 @@ def slice_field(field_file: Path, output: Path, axis: str, at: float | None, nam
     with told_errors(field_file):
         check_output(output, ".png")
         from mpf_core import reuse  # loads torch
-        from mpf_core.field.artefact import load_field
+        from mpf_core.field.blendfile import load_field
         from mpf_core.files import write_atomically
 
         picture = reuse.slice_png(load_field(field_file), axis=axis, at=at, name=name)

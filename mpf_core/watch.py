@@ -74,7 +74,9 @@ class Watch:
         """Forward a report from the fit."""
         done = step.iteration / step.planned
         seconds = self.clock() - self.begin
-        fraction = BEGINS["fit"] + done * (BEGINS["extract"] - BEGINS["fit"])
+        begin = self.begins["fit"]
+        end = min(later for later in self.begins.values() if later > begin)
+        fraction = begin + done * (end - begin)
         eta = step.seconds / step.iteration * (step.planned - step.iteration)
         self.tell(
             Progress(

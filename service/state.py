@@ -17,7 +17,7 @@ from service.events.store import EventStore
 from service.jobs.commands import JobCommands
 from service.jobs.polls import Polls
 from service.jobs.queue import JobQueue
-from service.jobs.store import JobStore
+from service.jobs.tile_store import TileStore
 from service.operations.estimates import Estimates
 from service.operations.health import Health
 from service.operations.metrics import Metrics
@@ -37,7 +37,7 @@ class State:
     settings: Settings
     redis: Redis
     artifacts: Artifacts
-    store: JobStore
+    store: TileStore
     events: EventStore
     webhooks: WebhookStore
     hub: Hub
@@ -59,7 +59,7 @@ def build_state(settings: Settings) -> State:
     """Wire the parts; nothing connects before it is used."""
     redis = connect(settings)
     artifacts = artifacts_of(settings)
-    store = JobStore(redis, retention_seconds=settings.retention_seconds)
+    store = TileStore(redis, retention_seconds=settings.retention_seconds)
     queue = JobQueue(redis, job_seconds=settings.job_seconds)
     resumable = uploads_of(settings, redis)
     commands = JobCommands(redis, store, queue, artifacts, settings)

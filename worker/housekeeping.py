@@ -12,7 +12,7 @@ from service.artifacts.opened import artifacts_of
 from service.connection import connect
 from service.events.store import EventStore
 from service.jobs.queue import JobQueue
-from service.jobs.store import JobStore
+from service.jobs.tile_store import TileStore
 from service.operations.retention import Retention
 from service.operations.store import Turns, WorkerRegister
 from service.settings import Settings
@@ -71,7 +71,7 @@ class Housekeeping:
         redis = connect(settings)
         register = WorkerRegister(redis)
         queue = JobQueue(redis, job_seconds=settings.job_seconds)
-        store = JobStore(redis, retention_seconds=settings.retention_seconds)
+        store = TileStore(redis, retention_seconds=settings.retention_seconds)
         artifacts = artifacts_of(settings)
         reaper = Reaper(store, queue, artifacts, settings, register, Turns(redis))
         retention = Retention(store, artifacts, settings)

@@ -19,8 +19,9 @@ class Pace:
         self._seconds: dict[str, float] = {}
 
     def note(self, job: Job | None) -> None:
-        """A job has ended here; one that did not succeed says nothing of how long jobs take."""
-        if job is None or job.state is not JobState.SUCCEEDED:
+        """A job has ended here; one that did not succeed says nothing of how long jobs take, and
+        one that was split ends with a part of it."""
+        if job is None or job.state is not JobState.SUCCEEDED or job.split:
             return
         if job.started_at is None or job.finished_at is None:
             return

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 
-from service.jobs.model import JobState
+from service.jobs.model import TILE, JobState
 from service.jobs.queue import JobQueue
 from service.jobs.store import JobStore
 
@@ -25,11 +25,14 @@ class Parking:
         self._most = most
 
     def park(self, job_id: str) -> bool:
-        """Whether this queued job must wait for others of its owner; it is parked then."""
+        """Whether this queued job must wait for others of its owner; it is parked then.
+
+        A job that was split counts as one with all its tiles, from its start to its end.
+        """
         if not self._most:
             return False
         job = self._store.get(job_id)
-        if job is None or job.state is not JobState.QUEUED:
+        if job is None or job.state is not JobState.QUEUED or job.kind == TILE or job.split:
             return False
         if self._store.running_of(job.owner) < self._most:
             return False

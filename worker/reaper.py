@@ -1,4 +1,5 @@
-"""Finds jobs that nobody works on: a lease whose beats have stopped, a queued job RQ forgot.
+"""Finds jobs that nobody works on: a lease whose beats have stopped, a queued job RQ forgot, one
+whose tiles are all fitted.
 
 Time is this process's own monotonic clock between two looks at the same sight; no clock of another
 machine, and no wall clock, takes part. Any number of reapers may run: each change is fenced.
@@ -11,14 +12,15 @@ import time
 from collections.abc import Callable
 
 from service.artifacts.base import Artifacts
+from service.jobs.family import Families, cancelled_problem
 from service.jobs.lease import Refused
 from service.jobs.model import Job, JobState
 from service.jobs.queue import JobQueue, entry_id
-from service.jobs.store import JobStore
+from service.jobs.tile_store import TileStore
 from service.operations.store import Turns, WorkerRegister
 from service.settings import Settings
 from worker.parking import Parking
-from worker.settle import cancelled_problem, crashed_problem, forget_if_ended
+from worker.settle import crashed_problem, forget_if_ended
 
 log = logging.getLogger("mpf.worker")
 
@@ -61,7 +63,7 @@ class Reaper:
 
     def __init__(
         self,
-        store: JobStore,
+        store: TileStore,
         queue: JobQueue,
         artifacts: Artifacts,
         settings: Settings,
@@ -76,6 +78,7 @@ class Reaper:
         self._artifacts = artifacts
         self._settings = settings
         self._parking = Parking(store, queue, settings.running_per_owner)
+        self._families = Families(store, queue, artifacts)
         self._running = Watch(clock)
         self._queued = Watch(clock)
 
@@ -85,6 +88,7 @@ class Reaper:
         if many and not self._turns.hold("reaper", REAPER_SECONDS):
             return
         self._look_at_running()
+        self._families.look_at_all()
         self._parking.let_out()
         self._look_at_queued()
 
@@ -93,7 +97,7 @@ class Reaper:
         self._running.forget_all_but(set(ids))
         for job_id in ids:
             job = self._store.get(job_id)
-            if job is None or job.state is not JobState.RUNNING:
+            if job is None or job.state is not JobState.RUNNING or job.in_tiles:
                 continue
             still = self._running.unchanged_for(job_id, (job.lease, job.beats))
             if still > self._settings.lease_seconds:
@@ -102,10 +106,10 @@ class Reaper:
     def _take_back(self, job: Job) -> None:
         log.warning("job %s: attempt %s has lost its worker", job.id, job.attempt)
         try:
-            if job.cancel:
+            if job.given_up:
                 self._store.reap_cancelled(job, cancelled_problem())
-            elif job.attempt >= self._settings.max_attempts:
-                self._store.reap_failed(job, crashed_problem(job.attempt))
+            elif job.tries >= self._settings.max_attempts:
+                self._store.reap_failed(job, crashed_problem(job.tries))
             else:
                 changed = self._store.reap(job)
                 self._queue.enqueue(job, changed.attempt)

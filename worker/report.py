@@ -7,6 +7,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 from mpf_core.progress import Progress
 from service.connection import UNREACHABLE
@@ -21,6 +22,18 @@ log = logging.getLogger("mpf.worker")
 Clock = Callable[[], float]
 
 
+@dataclass(frozen=True)
+class Part:
+    """What an attempt does of its job: from which share of it to which, and who else is to hear."""
+
+    begins: float = 0.0
+    ends: float = 1.0
+    told: Callable[[], None] = lambda: None
+
+
+WHOLE = Part()
+
+
 class Reporter:
     """The `progress`, `stop` and `cancel` callbacks of one attempt.
 
@@ -30,8 +43,14 @@ class Reporter:
     """
 
     def __init__(
-        self, store: JobStore, lease: Lease, settings: Settings, clock: Clock = time.monotonic
+        self,
+        store: JobStore,
+        lease: Lease,
+        settings: Settings,
+        part: Part = WHOLE,
+        clock: Clock = time.monotonic,
     ):
+        self._part = part
         self._store = store
         self._lease = lease
         self._settings = settings
@@ -55,8 +74,11 @@ class Reporter:
         if progress.points_per_second is not None:
             self._rates.append(progress.points_per_second)
         try:
-            changed = self._store.progress(self._lease, _plain(progress))
+            told = _plain(progress)
+            fraction = self._part.begins + told.fraction * (self._part.ends - self._part.begins)
+            changed = self._store.progress(self._lease, replace(told, fraction=fraction))
             self._heed(changed.cancel)
+            self._part.told()
         except Refused as refusal:
             self._stop("fenced", str(refusal))
         except UNREACHABLE as error:

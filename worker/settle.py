@@ -9,6 +9,7 @@ from pathlib import Path
 from redis.exceptions import RedisError
 
 from service.artifacts.base import Artifacts, StoreUnavailable
+from service.jobs.family import cancelled_problem
 from service.jobs.lease import Lease, Refused
 from service.jobs.model import Job, JobState
 from service.jobs.queue import JobQueue
@@ -64,12 +65,12 @@ def forget_if_ended(job_id: str, store: JobStore, artifacts: Artifacts) -> None:
 def _end_of(
     job: Job, lease: Lease, code: int, store: JobStore, queue: JobQueue, settings: Settings
 ) -> None:
-    if job.cancel:
+    if job.given_up:
         store.cancelled(lease, cancelled_problem())
     elif code == -signal.SIGKILL and out_of_memory_killed():
         store.fail(lease, out_of_memory_problem())
-    elif job.attempt >= settings.max_attempts:
-        store.fail(lease, crashed_problem(job.attempt))
+    elif job.tries >= settings.max_attempts:
+        store.fail(lease, crashed_problem(job.tries))
     else:
         changed = store.hand_back(lease)
         queue.enqueue(job, changed.attempt)
@@ -91,11 +92,6 @@ def out_of_memory_killed(events: Path = Path("/sys/fs/cgroup/memory.events")) ->
 
 
 _kills_seen: dict[Path, int] = {}
-
-
-def cancelled_problem() -> dict[str, object]:
-    """Why a cancelled job has no result."""
-    return Problem("cancelled", "the job was cancelled by its owner").as_dict()
 
 
 def crashed_problem(attempts: int) -> dict[str, object]:

@@ -5,7 +5,6 @@ Whatever happens in here ends in exactly one change of the record, made under th
 
 from __future__ import annotations
 
-import dataclasses
 import errno
 import logging
 import os
@@ -13,8 +12,6 @@ import secrets
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TypeVar
 
 from redis import Redis
@@ -22,15 +19,14 @@ from rq import get_current_job
 from rq.timeouts import JobTimeoutException
 
 from mpf_core.errors import Cancelled, MPFError
-from mpf_core.extraction_options import extraction_from
-from mpf_core.options import options_from
 from service.artifacts.base import StoreUnavailable
 from service.artifacts.opened import artifacts_of
 from service.connection import UNREACHABLE, connect
+from service.jobs.family import cancelled_problem
 from service.jobs.lease import Changed, Lease, Refused
-from service.jobs.model import EXTRACTION, FIT, RESULTS, Artifact, Job
+from service.jobs.model import RESULTS, Job
 from service.jobs.queue import JobQueue, attempt_of
-from service.jobs.store import JobStore
+from service.jobs.tile_store import TileStore
 from service.logs import about
 from service.operations.store import FitRate
 from service.problems import Problem, problem_from
@@ -38,7 +34,9 @@ from service.settings import Settings
 from worker.memory import is_out_of_memory
 from worker.preview import PreviewWriter
 from worker.report import Reporter
-from worker.settle import cancelled_problem, out_of_memory_problem, time_limit_problem
+from worker.runners import RUNNERS, SPLIT, Run, work_of
+from worker.settle import out_of_memory_problem, time_limit_problem
+from worker.tiles import TileWork
 
 log = logging.getLogger("mpf.worker")
 
@@ -46,57 +44,6 @@ T = TypeVar("T")
 
 STORE_PAUSE_SECONDS = 1.0
 """Between two tries to reach the artefact store."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """One attempt at one job, with what it needs."""
-
-    job: Job
-    threads: int
-    """For where the job's options leave it open."""
-    input: Path
-    out: Path
-    reporter: Reporter
-    preview: Callable[[bytes], None]
-    checkpoint: Path
-
-
-Runner = Callable[[Run], None]
-
-
-def fit(run: Run) -> None:
-    """Points in, surface out. The numerics are loaded here and nowhere else."""
-    from mpf_core.results import reconstruct_file
-
-    options = options_from(run.job.options)
-    reconstruct_file(
-        run.input,
-        run.out,
-        dataclasses.replace(options, threads=options.threads or run.threads),
-        progress=run.reporter.progress,
-        stop=run.reporter.stop,
-        cancel=run.reporter.cancel,
-        checkpoint=run.checkpoint,
-        preview=run.preview,
-    )
-
-
-def extract(run: Run) -> None:
-    """A fitted field in, a mesh or slices out."""
-    from mpf_core.reuse import extract_file
-
-    options = extraction_from(run.job.options)
-    extract_file(
-        run.input,
-        run.out,
-        dataclasses.replace(options, threads=options.threads or run.threads),
-        progress=run.reporter.progress,
-        cancel=run.reporter.cancel,
-    )
-
-
-RUNNERS: dict[str, Runner] = {FIT: fit, EXTRACTION: extract}
 
 
 def run(job_id: str) -> None:
@@ -116,23 +63,25 @@ class Attempt:
     def __init__(self, lease: Lease, redis: Redis, settings: Settings):
         self._lease = lease
         self._settings = settings
-        self._store = JobStore(redis, retention_seconds=settings.retention_seconds)
+        self._store = TileStore(redis, retention_seconds=settings.retention_seconds)
         self._queue = JobQueue(redis, job_seconds=settings.job_seconds)
         self._artifacts = artifacts_of(settings)
         self._artifacts.prepare()
+        self._tiles = TileWork(self._store, self._queue, self._artifacts, lease, settings)
         self._reporter = Reporter(self._store, lease, settings)
         self._rate = FitRate(redis)
 
     def run(self) -> None:
         """From `queued` to wherever it ends."""
         try:
-            job = self._store.start(self._lease, self._settings.running_per_owner)
+            job = self._start()
         except Refused as refusal:
             log.info("job %s: attempt %s not started: %s", *self._name(), refusal)
             return
         log.info("job %s: attempt %s starts", *self._name())
         try:
             self._finish(self._outcome(job))
+            self._tiles.ended(job)
         finally:
             try:
                 self._artifacts.discard_work(self._lease.job_id, self._lease.attempt)
@@ -142,7 +91,7 @@ class Attempt:
     def _outcome(self, job: Job) -> Callable[[], Changed]:
         """Run the job; what comes back writes the record."""
         try:
-            files = self._perform(job)
+            return self._perform(job)
         except Cancelled:
             return self._stopped
         except MPFError as error:
@@ -153,13 +102,17 @@ class Attempt:
             return self._without_store(error)
         except Exception as error:
             return self._failed(self._unexpected(error))
-        return lambda: self._store.succeed(self._lease, files)
 
-    def _perform(self, job: Job) -> dict[str, Artifact]:
+    def _perform(self, job: Job) -> Callable[[], Changed]:
         job_id, attempt = self._name()
         # The last attempt begins anew: it may be what was kept that ended the others.
-        inherit = attempt < self._settings.max_attempts
+        inherit = job.tries < self._settings.max_attempts
         given = self._patiently(lambda: self._artifacts.input(job_id, attempt))
+        work = work_of(job, given)
+        self._reporter = Reporter(
+            self._store, self._lease, self._settings, self._tiles.part(job, work)
+        )
+        gathered = self._patiently(lambda: self._tiles.gathered(job))
         with self._artifacts.checkpoint(job_id, attempt, inherit=inherit) as checkpoint:
             run = Run(
                 job,
@@ -169,10 +122,20 @@ class Attempt:
                 self._reporter,
                 preview=PreviewWriter(self._store, self._artifacts, self._lease),
                 checkpoint=checkpoint,
+                gathered=gathered,
             )
-            RUNNERS[job.kind](run)
+            RUNNERS[work](run)
         self._note_rate()
-        return self._patiently(lambda: self._artifacts.publish(job_id, attempt))
+        files = self._patiently(lambda: self._artifacts.publish(job_id, attempt))
+        if work == SPLIT:
+            made = self._patiently(lambda: self._tiles.made(job, files))
+            return lambda: self._tiles.hand_out(made)
+        return lambda: self._store.succeed(self._lease, files)
+
+    def _start(self) -> Job:
+        before = self._store.get(self._lease.job_id)
+        anew = before is None or not before.split
+        return self._store.start(self._lease, self._settings.running_per_owner, anew=anew)
 
     def _patiently(self, act: Callable[[], T]) -> T:
         """Wait for the artefact store while it is away; raises Cancelled once that is in vain."""

@@ -73,7 +73,7 @@ def _write(name: str, output: Path, points: int | None, seed: int, truth: Path |
 
 EXPERIMENTS = (
     "thickness", "shapes", "noise", "presets", "ablation", "beta", "phase-only", "fields",
-    "scaling", "baselines", "paper", "extraction", "cost",
+    "scaling", "baselines", "paper", "extraction", "cost", "tiles",
 )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from mpf_core.experiments import (
     scaling,
     suite,
     tables,
+    tiling,
     trial,
 )
 from mpf_core.experiments.asked import Asked
@@ -33,6 +34,7 @@ MEASUREMENTS: dict[str, Callable[[Path, Asked], list[Row]]] = {
     "extraction": extraction.measured,
     "cost": cost.measured,
     "fields": fields.measured,
+    "tiles": tiling.measured,
 }
 
 

@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -69,32 +70,52 @@ def process(points: NDArray[np.float64], trial: Trial) -> Outcome:
     with TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "cloud.ply").write_bytes(cloud_ply_bytes(PointCloud(points), []))
-        command = [sys.executable, "-c", COMMAND, str(folder / "peak")]
-        command += ["reconstruct", str(folder / "cloud.ply")]
-        command += ["-o", str(folder / "mesh.ply"), "--report", str(folder / "report.json")]
+        flags = ["-o", str(folder / "mesh.ply"), "--report", str(folder / "report.json")]
         for option, value in options.items():
-            command += ["--set", f"{option}={json.dumps(value)}"]
-        begin = time.perf_counter()
-        with (folder / "said").open("wb") as said:
-            child = subprocess.Popen(command, stdout=said, stderr=said)  # noqa: S603
-            _, status, usage = os.wait4(child.pid, 0)
-        seconds = time.perf_counter() - begin
-        child.returncode = os.waitstatus_to_exitcode(status)
-        if child.returncode != 0:
-            last = (folder / "said").read_text(errors="replace").strip().splitlines()[-1:]
-            raise FitError(f"mpf reconstruct failed: {''.join(last)}")
+            flags += ["--set", f"{option}={json.dumps(value)}"]
+        cost = command(["reconstruct", str(folder / "cloud.ply"), *flags], folder)
         report = json.loads((folder / "report.json").read_text())
         mesh = read_mesh(folder / "mesh.ply")
-        peak = int((folder / "peak").read_text())
     facts = {name: report[name] for name in ("timings", "extraction", "fit", "surface")}
     facts["fit"].pop("history", None)
     figures = {
-        "peak_mib": peak / 1024,
-        "processor_seconds": usage.ru_utime + usage.ru_stime,
+        "peak_mib": cost.peak,
+        "processor_seconds": cost.busy,
         "iterations": report["fit"]["iterations"],
         "resolution": report["extraction"]["resolution"],
     }
-    return Outcome(mesh, facts, seconds=seconds, figures=figures)
+    return Outcome(mesh, facts, seconds=cost.seconds, figures=figures)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of one process: `seconds` on the wall, `busy` of processors, `peak` of its memory in MiB."""
+
+    seconds: float
+    busy: float
+    peak: float
+
+
+def command(arguments: list[str], folder: Path) -> Cost:
+    """`mpf` with these arguments, in a process of its own that leaves its notes in `folder`.
+
+    Raises FitError with what the command said when it fails.
+    """
+    begin = time.perf_counter()
+    with (folder / "said").open("wb") as said:
+        child = subprocess.Popen(  # noqa: S603
+            [sys.executable, "-c", COMMAND, str(folder / "peak"), *arguments],
+            stdout=said,
+            stderr=said,
+        )
+        _, status, usage = os.wait4(child.pid, 0)
+    seconds = time.perf_counter() - begin
+    child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode != 0:
+        last = (folder / "said").read_text(errors="replace").strip().splitlines()[-1:]
+        raise FitError(f"mpf {arguments[0]} failed: {''.join(last)}")
+    peak = int((folder / "peak").read_text()) / 1024
+    return Cost(seconds, usage.ru_utime + usage.ru_stime, peak)
 
 
 def _trial(label: str, points: int, own: dict[str, Any]) -> Trial:

@@ -66,6 +66,7 @@ _ALL = (
     _spec("holed-body", "sheet", sheets.holed_body),
     _spec("sphere", "solid", solids.sphere),
     _spec("torus", "solid", solids.torus),
+    _spec("knurled-ring", "solid", solids.knurled_ring),
     _spec("lattice", "solid", solids.lattice),
     _spec("nested-shells", "solid", solids.nested_shells),
     _spec("spike-ball", "solid", solids.spike_ball),

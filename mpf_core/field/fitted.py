@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -19,6 +20,31 @@ CHUNK = 1024  # 256 units × 1024 points × 4 bytes = 1 MiB a layer: four took a
 NAMES = ("phi", "r", "theta", "P")
 
 Values = NDArray[np.float32]
+Evaluate = Callable[[NDArray[np.float64]], Values]
+
+
+class Fitted(Protocol):
+    """What extractions ask of a field, be it of one network or of many (`blend.BlendedField`).
+
+    Functions take points (n, 3) of the normalised frame; lengths are in its units.
+    """
+
+    @property
+    def similarity(self) -> Similarity: ...
+    @property
+    def box(self) -> NDArray[np.float64]: ...
+    @property
+    def footprint(self) -> Footprint: ...
+    @property
+    def networks(self) -> int: ...
+    def level(self) -> Evaluate:
+        """(n,) whose zero level is the surface, negative inside."""
+
+    def values(self, name: str) -> Evaluate:
+        """(n,) of one of φ, r, θ, P, by its name in NAMES."""
+
+    def gradient(self) -> Evaluate:
+        """(n, 3) along the outward normal on the surface."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +59,19 @@ class FittedField:
     similarity: Similarity
     box: NDArray[np.float64]
     footprint: Footprint
+    networks = 1
+
+    def level(self) -> Evaluate:
+        """θ, whose zero level is that of φ (Proposition 1)."""
+        return theta_of(self.field)
+
+    def values(self, name: str) -> Evaluate:
+        """One of φ, r, θ, P."""
+        return field_of(self.field, name)
+
+    def gradient(self) -> Evaluate:
+        """∇θ."""
+        return gradient_of(self.field)
 
 
 def theta_of(field: MetricPhaseField) -> Callable[[NDArray[np.float64]], Values]:

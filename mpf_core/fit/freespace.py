@@ -16,6 +16,7 @@ from scipy import ndimage
 
 from mpf_core.cloud.neighbors import Neighborhoods
 
+RESOLUTION = 160  # voxels a side
 HALF_BOX = 1.15  # the voxel grid covers [-HALF_BOX, HALF_BOX]³ in normalised units
 SMALLEST_ENCLOSURE = 30  # voxels; smaller pockets are cracks between discs
 OUTSIDE, SURFACE, INSIDE = 1, 0, -1
@@ -60,9 +61,9 @@ class FreeSpace:
         return index[:, 0], index[:, 1], index[:, 2]
 
 
-def flood(neighbours: Neighborhoods, *, resolution: int = 160) -> FreeSpace:
+def flood(neighbours: Neighborhoods, *, resolution: int = RESOLUTION) -> FreeSpace:
     """Label space around the samples, which lie in [-1, 1]³."""
-    occupied = _draw_discs(neighbours, resolution)
+    occupied = draw_discs(neighbours, resolution)
     component, _ = ndimage.label(~occupied)
     sizes = np.bincount(component.ravel())
     enclosed = sizes > SMALLEST_ENCLOSURE
@@ -85,7 +86,8 @@ def beside_inside(labels: NDArray[np.int8]) -> NDArray[np.bool_]:
     return beside
 
 
-def _draw_discs(neighbours: Neighborhoods, resolution: int) -> NDArray[np.bool_]:
+def draw_discs(neighbours: Neighborhoods, resolution: int) -> NDArray[np.bool_]:
+    """Voxels (resolution, ·, ·) that a disc of any sample passes."""
     occupied = np.zeros((resolution,) * 3, dtype=bool)
     voxel = 2 * HALF_BOX / (resolution - 1)
     # A lone far sample must not draw a disc across the scene.

@@ -18,16 +18,19 @@ from mpf_core.surface.simplify import decimated
 EDGES_PER_SPACING = 2.5  # of equilateral triangles of the mean size that are left
 FEWEST = 20_000  # faces that are always affordable
 MOST = 500_000  # faces for which the time of a preset has room
+MOST_OF_ALL = 2_000_000  # for which memory has, in the last step
 WORTH = 1.3  # times the wanted number, from which merging pays
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 
-def coarsened(vertices: Array, faces: Faces, spacing: float) -> tuple[Array, Faces]:
+def coarsened(
+    vertices: Array, faces: Faces, spacing: float, networks: int = 1
+) -> tuple[Array, Faces]:
     """The mesh with as many faces as samples `spacing` apart can describe, or as it is if it has
-    not many more, or would not stay whole."""
-    wanted = wanted_faces(vertices, faces, spacing)
+    not many more, or would not stay whole. What many networks hold gets more faces."""
+    wanted = wanted_faces(vertices, faces, spacing, networks)
     if len(faces) <= WORTH * wanted:
         return vertices, faces
     try:
@@ -36,13 +39,14 @@ def coarsened(vertices: Array, faces: Faces, spacing: float) -> tuple[Array, Fac
         return vertices, faces
 
 
-def wanted_faces(vertices: Array, faces: Faces, spacing: float) -> int:
+def wanted_faces(vertices: Array, faces: Faces, spacing: float, networks: int = 1) -> int:
     """By the area of the mesh."""
     area = float(np.linalg.norm(face_crosses(Mesh(vertices, faces)), axis=1).sum()) / 2
-    return faces_for(area, spacing)
+    return faces_for(area, spacing, networks)
 
 
-def faces_for(area: float, spacing: float) -> int:
+def faces_for(area: float, spacing: float, networks: int = 1) -> int:
     """How many faces a surface of so much area gets."""
     edge = spacing / EDGES_PER_SPACING
-    return int(np.clip(area / (np.sqrt(3) / 4 * edge**2), FEWEST, MOST))
+    most = min(MOST * networks, MOST_OF_ALL)
+    return int(np.clip(area / (np.sqrt(3) / 4 * edge**2), FEWEST, most))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mpf_core.cloud.neighbors import analyse
-from mpf_core.field.fitted import FittedField
+from mpf_core.field.fitted import Fitted
 from mpf_core.fit.initialize import Initialization, initialize
 from mpf_core.options import SurfaceOptions
 from mpf_core.surface.finish import blended
@@ -39,7 +39,7 @@ class Edited:
 def edited(
     mesh: Mesh,
     options: SurfaceOptions,
-    fitted: FittedField,
+    fitted: Fitted,
     start: Initialization | None = None,
 ) -> Edited:
     """`mesh`, in the input's frame, after all that `options` ask for.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mpf_core.errors import ResolutionTooHigh
-from mpf_core.field.fitted import FittedField, gradient_of, theta_of
+from mpf_core.field.fitted import Fitted
 from mpf_core.options import SurfaceOptions
 from mpf_core.progress import CancelCheck
 from mpf_core.surface.bounds import BOUND
@@ -33,7 +33,7 @@ class Extraction:
 
 
 def extract_mesh(
-    fitted: FittedField,
+    fitted: Fitted,
     options: SurfaceOptions,
     *,
     painted: Painted | None = None,
@@ -46,7 +46,7 @@ def extract_mesh(
     ResolutionTooHigh, Cancelled.
     """
     footprint = fitted.footprint
-    fineness = choose_resolution(options, footprint)
+    fineness = choose_resolution(options, footprint, fitted.networks)
     asked = options.resolution is not None
     surface, resolution = _zero_level(fitted, fineness, asked, cancel)
     kept_apart = max(footprint.spacing, footprint.cover / np.sqrt(3))
@@ -61,10 +61,10 @@ def extract_mesh(
     )
     fine = len(faces)
     if options.coarsen == "auto" and not asked:
-        vertices, faces = coarsened(vertices, faces, footprint.spacing)
+        vertices, faces = coarsened(vertices, faces, footprint.spacing, fitted.networks)
     if painted is None and footprint.colors is not None:
         painted = footprint.tree, footprint.colors
-    mesh = finish(vertices, faces, gradient_of(fitted.field), fitted.similarity, painted)
+    mesh = finish(vertices, faces, fitted.gradient(), fitted.similarity, painted)
     report = {
         "resolution": resolution,
         "finer": list(fineness.finer),
@@ -81,16 +81,14 @@ def extract_mesh(
 
 
 def _zero_level(
-    fitted: FittedField, fineness: Fineness, asked: bool, cancel: CancelCheck | None
+    fitted: Fitted, fineness: Fineness, asked: bool, cancel: CancelCheck | None
 ) -> tuple[Isosurface, int]:
     footprint, resolution = fitted.footprint, fineness.cells
     reach = footprint.reach + footprint.cover
     while True:
         grid = Grid.around(fitted.box[0], fitted.box[1], resolution, fineness.finer)
         try:
-            surface = extract(
-                theta_of(fitted.field), grid, footprint.tree, reach=reach, cancel=cancel
-            )
+            surface = extract(fitted.level(), grid, footprint.tree, reach=reach, cancel=cancel)
         except ResolutionTooHigh:
             if asked:
                 raise

@@ -101,6 +101,13 @@ def onto_data(
         crossings=crossings,
         threads=threads,
     )
+    return taken(mesh, moved, similarity, clock() - begin)
+
+
+def taken(
+    mesh: Mesh, moved: Moved, similarity: Similarity, seconds: float
+) -> tuple[Mesh, dict[str, Any]]:
+    """`mesh`, in the input's frame, where it `moved` to, and what the report tells of that."""
     length = similarity.length_to_input
     report: dict[str, Any] = {
         "applied": moved.applied,
@@ -112,7 +119,7 @@ def onto_data(
         "standard_error": length(moved.deviation),
         "faces_taken_back": moved.taken_back,
         "thickness": None,
-        "seconds": round(clock() - begin, 3),
+        "seconds": round(seconds, 3),
     }
     if moved.thickness is not None:
         median, least = moved.thickness
@@ -143,11 +150,35 @@ def follow_data(
     sheets, `thickness` what they are to have; `crossings` finds pairs of faces that cross.
     """
     patches = patches_of(cloud, normals, sheet, thickness, threads)
-    aim = _aim(patches, vertices, directions, threads)
-    gain = _gain(aim, patches)
+    data = Data(patches.deviation, patches.kernel * cloud.median_spacing, shell)
+    aim = aim_at(patches, vertices, directions, threads)
+    return follow(vertices, faces, directions, aim, data, crossings, threads)
+
+
+@dataclass(frozen=True)
+class Data:
+    """Of the local fits: `deviation`, standard error; `bandwidth` of the kernel. `shell`: thickness
+    that the field was given around sheets."""
+
+    deviation: float
+    bandwidth: float
+    shell: float
+
+
+def follow(
+    vertices: Array,
+    faces: Indices,
+    directions: Array,
+    aim: Aim,
+    data: Data,
+    crossings: Crossings,
+    threads: int = -1,
+) -> Moved:
+    """Move `vertices` (v, 3) as far towards their `aim` as noise and triangles allow."""
+    gain = _gain(aim, data.deviation)
     step = _shared(aim, vertices, gain, threads) if gain < 1 else aim.step
     length = np.linalg.norm(step, axis=1)
-    reach = FARTHEST * np.maximum(aim.spacing, shell)
+    reach = FARTHEST * np.maximum(aim.spacing, data.shell)
     step *= np.minimum(1.0, reach / np.maximum(length, 1e-300))[:, None]
     if gain < LEAST_GAIN and not aim.back.any():
         step[:] = 0.0
@@ -162,8 +193,8 @@ def follow_data(
         normals=_normals(aim, gain * share, directions),
         applied=applied,
         gain=gain,
-        bandwidth=patches.kernel * cloud.median_spacing,
-        deviation=patches.deviation,
+        bandwidth=data.bandwidth,
+        deviation=data.deviation,
         mean=float(length.mean()),
         largest=float(length.max()),
         taken_back=int((share < 1)[faces].any(1).sum()),
@@ -180,7 +211,7 @@ def sheets_of(bounds: Sides) -> NDArray[np.int8]:
 
 
 @dataclass(frozen=True)
-class _Aim:
+class Aim:
     """Where the data want the vertices: step (v, 3), already weighted by trust; outward (v, 3);
     front, trust, offset, spacing: (v,); back: (v,) bool, of the second wall of a shell."""
 
@@ -196,7 +227,8 @@ class _Aim:
         return np.asarray(self.front < 0.5)
 
 
-def _aim(patches: Patches, vertices: Array, directions: Array, threads: int) -> _Aim:
+def aim_at(patches: Patches, vertices: Array, directions: Array, threads: int = -1) -> Aim:
+    """Where the patches want vertices (v, 3) with unit outward directions (v, 3)."""
     count = len(vertices)
     step, outward = np.empty((count, 3)), np.empty((count, 3))
     front, trust, offset, spacing = (np.empty(count) for _ in range(4))
@@ -214,10 +246,10 @@ def _aim(patches: Patches, vertices: Array, directions: Array, threads: int) -> 
         outward[part] = first.outward
 
     in_parts(work, count, threads)
-    return _Aim(step, outward, front, trust, offset, spacing)
+    return Aim(step, outward, front, trust, offset, spacing)
 
 
-def _gain(aim: _Aim, patches: Patches) -> float:
+def _gain(aim: Aim, deviation: float) -> float:
     """Share of the way to the data that noise leaves worth going: 1 − s²/D².
 
     D is the distance between the field's surface and the local fit, s the standard error of that
@@ -227,10 +259,10 @@ def _gain(aim: _Aim, patches: Patches) -> float:
     if not own.any():
         return 1.0
     distance = 1.48 * float(np.median(np.abs(aim.offset[own])))
-    return float(np.clip(1 - (patches.deviation / max(distance, 1e-300)) ** 2, 0, 1))
+    return float(np.clip(1 - (deviation / max(distance, 1e-300)) ** 2, 0, 1))
 
 
-def _shared(aim: _Aim, vertices: Array, gain: float, threads: int) -> Array:
+def _shared(aim: Aim, vertices: Array, gain: float, threads: int) -> Array:
     """Steps of which the data have only a share: a shell's second wall follows its first."""
     step = gain * aim.step
     back, own = np.flatnonzero(aim.back), np.flatnonzero(aim.front > 0.9)
@@ -243,7 +275,7 @@ def _shared(aim: _Aim, vertices: Array, gain: float, threads: int) -> Array:
     return step
 
 
-def _normals(aim: _Aim, share: Array, directions: Array) -> Array:
+def _normals(aim: Aim, share: Array, directions: Array) -> Array:
     """(v, 3) the data's normals where vertices reached the data and those are of one mind, ∇θ
     elsewhere: at rims, in gaps, where vertices stayed back."""
     weight = share * aim.trust

@@ -41,14 +41,15 @@ def shell_of(start: Initialization | None) -> float | None:
     return thickness if np.isfinite(thickness) else None
 
 
-def choose_resolution(options: SurfaceOptions, footprint: Footprint) -> Fineness:
-    """How fine the grid must be for these samples and walls, and why."""
+def choose_resolution(options: SurfaceOptions, footprint: Footprint, networks: int = 1) -> Fineness:
+    """How fine the grid must be for these samples and walls, and why; a surface of so many networks
+    has detail for as many times more cells."""
     flat = _flat_axes(footprint)
     if options.resolution is not None:
         cells, why = options.resolution, "as asked"
     else:
         thickness = None if flat.any() else footprint.thickness
-        cells, why = _cells(footprint.reach, thickness)
+        cells, why = _cells(footprint.reach, thickness, networks)
     finer = np.ones(3, dtype=np.int64)
     for axis in np.flatnonzero(flat):
         across = footprint.thickness or max(_extents(footprint)[axis], 1e-9)
@@ -59,12 +60,12 @@ def choose_resolution(options: SurfaceOptions, footprint: Footprint) -> Fineness
     return Fineness(cells, (int(finer[0]), int(finer[1]), int(finer[2])), why)
 
 
-def _cells(spacing: float, thickness: float | None) -> tuple[int, str]:
+def _cells(spacing: float, thickness: float | None, networks: int) -> tuple[int, str]:
     cell, why = spacing / CELLS_PER_SPACING, "three cells a sample spacing"
-    highest = HIGHEST
+    highest = most = min(round(HIGHEST * networks**0.5), HIGHEST_OF_ALL)
     if thickness is not None and thickness / CELLS_PER_SHELL < cell:
         cell, why = thickness / CELLS_PER_SHELL, "three cells across the thinnest wall or shell"
-        highest = min(max(HIGHEST, round(2.0 * LEAST_PER_WALL / thickness)), HIGHEST_OF_ALL)
+        highest = min(max(most, round(2.0 * LEAST_PER_WALL / thickness)), HIGHEST_OF_ALL)
     wanted = round(2.0 / cell)
     cells = min(max(wanted, LOWEST), highest)
     if cells < wanted:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 
 from service.jobs.model import Artifact
@@ -22,6 +23,14 @@ class StoreUnavailable(OSError):
 
 class NoSuchStore(Exception):
     """MPF_STORE_URL names no store; str() says why."""
+
+
+@dataclass(frozen=True)
+class Published:
+    """What an attempt at a job has published."""
+
+    job_id: str
+    attempt: int
 
 
 class Blob(ABC):
@@ -105,6 +114,20 @@ class Artifacts(ABC):
     @abstractmethod
     def result(self, job_id: str, attempt: int, name: str) -> Blob:
         """The file of a published result; raises FileNotFoundError if it has none of that name."""
+
+    @abstractmethod
+    def local_result(
+        self, source: Published, job_id: str, attempt: int, *, but: str | None = None
+    ) -> Path:
+        """A folder of this machine with all files of a published result, for an attempt (at
+        whichever job) to read; raises FileNotFoundError.
+
+        but: files whose names begin so may be missing
+        """
+
+    @abstractmethod
+    def forget_results(self, job_id: str, *, but: int) -> None:
+        """Remove what attempts have published, except that of attempt `but`."""
 
     @abstractmethod
     def write_preview(self, job_id: str, attempt: int, glb: bytes) -> None:

@@ -31,7 +31,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import IO
 
-from service.artifacts.base import Artifacts, Blob
+from service.artifacts.base import Artifacts, Blob, Published
 from service.artifacts.bucket import Bucket, Entry
 from service.artifacts.store import measured, remove_older
 from service.jobs.model import Artifact
@@ -168,6 +168,13 @@ class ObjectArtifacts(Artifacts):
         )  # fmt: skip
 
     def _published(self, job_id: str, attempt: int, name: str) -> Entry:
+        files = self._listed(job_id, attempt)
+        if name not in files:
+            raise FileNotFoundError(name)
+        return files[name]
+
+    def _listed(self, job_id: str, attempt: int) -> dict[str, Entry]:
+        """What the list of a result names; raises FileNotFoundError."""
         target = f"{_folder(job_id)}/result-{attempt}"
         files = self._lists.get(target)
         if files is None:
@@ -178,9 +185,27 @@ class ObjectArtifacts(Artifacts):
             while len(self._lists) > LISTS_KEPT:
                 with suppress(KeyError):  # another thread was first
                     self._lists.popitem(last=False)
-        if name not in files:
-            raise FileNotFoundError(name)
-        return files[name]
+        return files
+
+    def local_result(
+        self, source: Published, job_id: str, attempt: int, *, but: str | None = None
+    ) -> Path:
+        """What is needed of it, fetched into the attempt's folder."""
+        folder = self._attempt(job_id, attempt) / "given" / f"{source.job_id}-{source.attempt}"
+        for name, entry in self._listed(source.job_id, source.attempt).items():
+            if but is not None and name.startswith(but):
+                continue
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._bucket.fetch(entry, path)
+        return folder
+
+    def forget_results(self, job_id: str, *, but: int) -> None:
+        """Remove the objects of all attempts except `but`, and their lists."""
+        start = f"{_folder(job_id)}/result-"
+        keys = [entry.key for entry in self._bucket.below(_folder(job_id))]
+        kept = (f"{start}{but}.json", f"{start}{but}/")
+        self._bucket.delete([k for k in keys if k.startswith(start) and not k.startswith(kept)])
 
     def write_preview(self, job_id: str, attempt: int, glb: bytes) -> None:
         """Put the latest mesh of an unfinished fit in place of the one before."""

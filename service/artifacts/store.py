@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
 from mpf_core.files import write_atomically
-from service.artifacts.base import CHUNK_BYTES, Artifacts, Blob
+from service.artifacts.base import CHUNK_BYTES, Artifacts, Blob, Published
 from service.jobs.model import Artifact
 
 _JOB_ID = re.compile(r"[0-9a-f]{32}")
@@ -158,6 +158,26 @@ class ArtifactStore(Artifacts):
         if not path.is_file():
             raise FileNotFoundError(name)
         return FileBlob(path)
+
+    def local_result(
+        self,
+        source: Published,
+        job_id: str,  # noqa: ARG002  all attempts read it where it lies: nobody writes to it
+        attempt: int,  # noqa: ARG002
+        *,
+        but: str | None = None,  # noqa: ARG002
+    ) -> Path:
+        """The folder where it lies."""
+        folder = self._folder(source.job_id) / f"result-{source.attempt}"
+        if not folder.is_dir():
+            raise FileNotFoundError(folder)
+        return folder
+
+    def forget_results(self, job_id: str, *, but: int) -> None:
+        """Remove the folders of all attempts except `but`."""
+        for path in self._folder(job_id).glob("result-*"):
+            if path.name != f"result-{but}":
+                shutil.rmtree(path, ignore_errors=True)
 
     def write_preview(self, job_id: str, attempt: int, glb: bytes) -> None:
         """Put the latest mesh of an unfinished fit in place of the one before."""

@@ -16,11 +16,13 @@ from mpf_core.extraction_options import extraction_from, extraction_to_mapping
 from mpf_core.options import options_from, options_to_mapping
 from service.access.caller import Caller
 from service.artifacts.base import Artifacts, StoreUnavailable
+from service.jobs.family import Families, cancelled_problem
 from service.jobs.index_store import Place
 from service.jobs.lease import Refused
-from service.jobs.model import EXTRACTION, Job, JobState, new_job_id
+from service.jobs.model import EXTRACTION, TILE, Job, JobState, new_job_id
 from service.jobs.queue import JobQueue, queue_for
-from service.jobs.store import Creation, JobStore, created
+from service.jobs.store import Creation, created
+from service.jobs.tile_store import TileStore
 from service.problems import Problem
 from service.settings import Settings
 
@@ -54,7 +56,7 @@ class JobCommands:
     def __init__(
         self,
         redis: Redis,
-        store: JobStore,
+        store: TileStore,
         queue: JobQueue,
         artifacts: Artifacts,
         settings: Settings,
@@ -64,6 +66,7 @@ class JobCommands:
         self._queue = queue
         self._artifacts = artifacts
         self._settings = settings
+        self._families = Families(store, queue, artifacts)
 
     # Reading
 
@@ -125,9 +128,9 @@ class JobCommands:
         keep: have the surface so far as the result, if it is running.
         """
         self.get(caller, job_id)
-        problem = Problem("cancelled", "the job was cancelled by its owner").as_dict()
+        how = "keep" if keep else "discard"
         try:
-            changed = self._store.ask_cancel(job_id, "keep" if keep else "discard", problem)
+            changed = self._store.ask_cancel(job_id, how, cancelled_problem())
         except Refused as refusal:
             if refusal.reason == "missing":
                 raise not_found(job_id) from refusal
@@ -136,15 +139,17 @@ class JobCommands:
                 self._queue.withdraw(job_id, changed.attempt)
                 with suppress(StoreUnavailable):  # they go with the job
                     self._artifacts.forget_checkpoints(job_id)
+        self._families.look(job_id)  # its tiles, should it have any
         return self.get(caller, job_id)
 
     def delete(self, caller: Caller, job_id: str) -> None:
         """Remove the job and its files; a running one loses its lease and is killed."""
         job = self._store.get(job_id)
-        if job is None or job.owner != caller.owner:
+        if job is None or not _belongs(job, caller):
             raise not_found(job_id)
         self._store.remove(job)
         self._queue.withdraw(job.id, job.attempt)
+        self._families.look(job.id)
         with suppress(StoreUnavailable):  # files without a record are removed later, by age
             self._artifacts.remove(job.id)
 
@@ -236,11 +241,16 @@ class JobCommands:
 
 def visible(job: Job | None, caller: Caller, job_id: str) -> Job:
     """The job as this caller may see it; raises Problem if that is not at all."""
-    if job is None or job.owner != caller.owner:
+    if job is None or not _belongs(job, caller):
         raise not_found(job_id)
     if job.state is JobState.EXPIRED:
         raise expired(job_id)
     return job
+
+
+def _belongs(job: Job, caller: Caller) -> bool:
+    """Whether the job is one of the caller's; a tile is a part of one, and none by itself."""
+    return job.owner == caller.owner and job.kind != TILE
 
 
 def _merged(parent: Job, changes: Mapping[str, Any]) -> dict[str, Any]:

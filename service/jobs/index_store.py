@@ -20,9 +20,12 @@ COUNTS_KEY = "mpf:counts"
 """Ended jobs by state and code, and the time they ran, since this Redis was first used."""
 
 
+RECORD_PREFIX = "mpf:job:"
+
+
 def record_key(job_id: str) -> str:
     """The hash that holds a job's record."""
-    return f"mpf:job:{job_id}"
+    return RECORD_PREFIX + job_id
 
 
 QUEUE_PREFIX = "mpf:jobs:waiting:"

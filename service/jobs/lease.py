@@ -23,7 +23,7 @@ class Lease:
 class Refused(Exception):
     """The record is not what the change expects: gone, in another state, or another's.
 
-    reason: missing, fenced, illegal, waiting (others of its owner run);
+    reason: missing, fenced, illegal, waiting (others of its owner run), cancelled;
         of a creation: exists, full, repeated, conflict
     job_id: of a creation that was repeated or conflicts, the job that is there already
     """

@@ -4,7 +4,9 @@ queued ──► running ──► succeeded ─┐
   ▲  │        │  ├───► failed ────┼──► expired
   │  │        │  └───► cancelled ─┘
   │  └────────┼──────► cancelled
-  └───────────┘  handed back or reaped: the attempt number grows by one
+  └───────────┘  handed back, reaped, or its tiles are fitted: the attempt number grows by one
+
+A fit whose cloud was split into tiles is `running` without a lease while they are fitted.
 """
 
 from __future__ import annotations
@@ -54,6 +56,9 @@ def origins(target: JobState) -> frozenset[JobState]:
 FIT = "fit"
 EXTRACTION = "extraction"
 """A mesh or slices from the field of a job before it, which is this job's input."""
+TILE = "tile"
+"""The fit of one part of a large cloud: a child of the job on that cloud, shown only as a part of
+it, and gone once that has ended."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +92,15 @@ class Input:
 
 
 @dataclass(frozen=True)
+class Tiles:
+    """How many parts the cloud of a fit was split into, are fitted, and are being fitted."""
+
+    total: int
+    done: int = 0
+    running: int = 0
+
+
+@dataclass(frozen=True)
 class JobProgress:
     """The last report of a running job; times in seconds."""
 
@@ -109,8 +123,12 @@ class Job:
     state: JobState
     attempt: int
     kind: str = FIT
-    """FIT or EXTRACTION: what its worker does."""
+    """FIT, EXTRACTION or TILE: what its worker does."""
     parent: str = ""
+    split: int = 0
+    """The attempt that split its cloud, whose files are the tiles; 0: none has. The next attempt
+    joins their fields."""
+    tiles: Tiles | None = None
     queue: str = ""
     """Where it waits, by the weight of its work."""
     owner: str = ""
@@ -149,6 +167,25 @@ class Job:
         return self.preview if current and self.state is JobState.RUNNING else None
 
     @property
+    def tries(self) -> int:
+        """Attempts at what is to be done now: splitting does not count against joining."""
+        return self.attempt - self.split
+
+    @property
+    def in_tiles(self) -> bool:
+        """Whether it waits for its tiles, and no worker has it."""
+        return self.state is JobState.RUNNING and self.split == self.attempt
+
+    @property
+    def given_up(self) -> bool:
+        """Whether it is not tried again once its worker is lost.
+
+        A tile that is to be kept as far as it has come is: without it there is nothing of the
+        others.
+        """
+        return bool(self.cancel) and not (self.kind == TILE and self.cancel == "keep")
+
+    @property
     def ended(self) -> bool:
         """Whether nothing will change any more (but expiry)."""
         return self.state in ENDED
@@ -159,10 +196,12 @@ def new_job_id() -> str:
     return secrets.token_hex(16)
 
 
-_JSON_FIELDS = {"options", "webhook", "input", "progress", "preview", "problem", "artifacts"}
+_JSON_FIELDS = {
+    "options", "webhook", "input", "progress", "preview", "problem", "artifacts", "tiles",
+}  # fmt: skip
 _INT_FIELDS = {
-    "attempt", "result_attempt", "beats", "created_at", "updated_at", "queued_at", "started_at",
-    "finished_at", "expires_at",
+    "attempt", "split", "result_attempt", "beats", "created_at", "updated_at", "queued_at",
+    "started_at", "finished_at", "expires_at",
 }  # fmt: skip
 
 
@@ -180,6 +219,8 @@ def job_from_record(record: Mapping[str, str]) -> Job:
         values["progress"] = JobProgress(**values["progress"])
     if values.get("preview"):
         values["preview"] = Preview(**values["preview"])
+    if values.get("tiles"):
+        values["tiles"] = Tiles(**values["tiles"])
     files = values.get("artifacts") or {}
     values["artifacts"] = {name: Artifact(**about) for name, about in files.items()}
     return Job(**values)

@@ -70,7 +70,10 @@ class JobQueue:
         }
 
     def enqueue(self, job: Job, attempt: int, pipeline: Pipeline | None = None) -> None:
-        """Let a worker know of this attempt; within `pipeline`, when that is executed."""
+        """Let a worker know of this attempt; within `pipeline`, when that is executed.
+
+        A job whose tiles are fitted has waited already: it goes before the others.
+        """
         # A record of earlier software names no queue.
         queue = self._queues.get(job.queue) or self._queues[FIT_SMALL]
         queue.enqueue_call(
@@ -82,6 +85,7 @@ class JobQueue:
             failure_ttl=ENDED_ENTRY_SECONDS,
             description=entry_id(job.id, attempt),
             pipeline=pipeline,
+            at_front=bool(job.split),
         )
 
     def waiting(self) -> set[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from base64 import urlsafe_b64decode, urlsafe_b64encode
+from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
@@ -52,6 +53,16 @@ class ProgressOut(BaseModel):
     eta: float | None = Field(default=None, description="Expected time to the end, s.")
 
 
+class TilesOut(BaseModel):
+    """Parts of a cloud that is too large for one fit, each fitted by any worker that is free."""
+
+    model_config = ConfigDict(title="Tiles")
+
+    done: int = Field(description="Fitted.")
+    running: int = Field(description="Being fitted.")
+    total: int
+
+
 class InputOut(BaseModel):
     """What was uploaded."""
 
@@ -84,7 +95,10 @@ class JobOut(BaseModel):
     parent: str | None = Field(description="The job whose input or field this one uses.")
     label: str
     state: JobState
-    attempt: int = Field(description="Grows when the job is handed back or its worker is lost.")
+    attempt: int = Field(
+        description="Grows when the job is handed back or its worker is lost, and once before its "
+        "tiles are joined."
+    )
     cancelling: bool = Field(description="It was asked to stop and has not stopped yet.")
     queue: str = Field(description="Where it waits, by its weight: extract, fit-small, fit-large.")
     queue_position: int | None = Field(
@@ -94,6 +108,10 @@ class JobOut(BaseModel):
         description="Seconds until it is done, by how long jobs took lately; None: not known."
     )
     progress: ProgressOut | None
+    tiles: TilesOut | None = Field(
+        description="How far the parts are; None where the cloud is fitted as a whole, and until "
+        "it is split."
+    )
     options: dict[str, Any]
     input: InputOut | None
     problem: ProblemOut | None = Field(description="Why it failed or was cancelled.")
@@ -124,6 +142,7 @@ def job_out(job: Job, position: int | None = None, eta: float | None = None) -> 
         queue_position=position,
         eta=None if eta is None else round(eta, 1),
         progress=_progress_out(job.progress),
+        tiles=TilesOut(**asdict(job.tiles)) if job.tiles else None,
         options=dict(job.options),
         input=_input_out(job.input),
         problem=ProblemOut(**job.problem) if job.problem else None,

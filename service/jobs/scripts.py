@@ -49,6 +49,10 @@ return {'ok', ARGV[1]}
 #       prefix of the owners' live jobs, key of the counts, key of webhooks that are due,
 #       prefix of the owners' running jobs, cap on these (0: none), key of the parked jobs,
 #       prefix of the queues
+#
+# A tile is in no index of its owner, counts for nothing there, and does not expire: it goes with
+# its parent. A job that was split keeps its place among those that run, also while it waits to be
+# joined, and then stands in its queue where it stood at first.
 CHANGE = """
 local state = redis.call('HGET', KEYS[1], 'state')
 if not state then return {'missing'} end
@@ -58,7 +62,10 @@ end
 if not string.find(ARGV[3], ',' .. state .. ',', 1, true) then return {'illegal', state} end
 local running = ARGV[17] .. (redis.call('HGET', KEYS[1], 'owner') or '')
 local most = tonumber(ARGV[18])
-if ARGV[4] == 'running' and most > 0 and redis.call('SCARD', running) >= most then
+local tile = redis.call('HGET', KEYS[1], 'kind') == 'tile'
+if ARGV[4] == 'running' and most > 0 and not tile
+    and redis.call('SISMEMBER', running, ARGV[1]) == 0
+    and redis.call('SCARD', running) >= most then
   redis.call('SADD', ARGV[19], ARGV[1])
   return {'waiting', state}
 end
@@ -73,21 +80,28 @@ if ARGV[4] ~= '' and ARGV[4] ~= state then
   redis.call('HSET', KEYS[1], 'state', ARGV[4])
   redis.call('ZREM', ARGV[10] .. state, ARGV[1])
   redis.call('ZADD', ARGV[10] .. ARGV[4], now, ARGV[1])
-  redis.call(ARGV[4] == 'running' and 'SADD' or 'SREM', running, ARGV[1])
+  local split = (redis.call('HGET', KEYS[1], 'split') or '0') ~= '0'
+  local counts = ARGV[4] == 'running' or (ARGV[4] == 'queued' and split)
+  if not tile then redis.call(counts and 'SADD' or 'SREM', running, ARGV[1]) end
   local queue = ARGV[20] .. (redis.call('HGET', KEYS[1], 'queue') or '')
   redis.call('ZREM', queue, ARGV[1])
-  if ARGV[4] == 'queued' then redis.call('ZADD', queue, now, ARGV[1]) end
+  if ARGV[4] == 'queued' then
+    local since = split and redis.call('HGET', KEYS[1], 'created_at') or now
+    redis.call('ZADD', queue, since, ARGV[1])
+  end
   state = ARGV[4]
 end
-if ARGV[13] ~= '0' then
+local started = redis.call('HGET', KEYS[1], 'started_at')
+if ARGV[13] ~= '0' and started then
+  redis.call('HINCRBY', ARGV[15], 'run_milliseconds', ms - tonumber(started))
+end
+if ARGV[13] ~= '0' and not tile then
   local expiry = string.format('%d', ms + tonumber(ARGV[13]))
   redis.call('HSET', KEYS[1], 'expires_at', expiry)
   redis.call('ZADD', ARGV[10] .. 'ended', expiry, ARGV[1])
   local problem = cjson.decode(ARGV[5])['problem']
   local code = problem and cjson.decode(problem)['code'] or ''
   redis.call('HINCRBY', ARGV[15], ARGV[4] .. ' ' .. code, 1)
-  local started = redis.call('HGET', KEYS[1], 'started_at')
-  if started then redis.call('HINCRBY', ARGV[15], 'run_milliseconds', ms - tonumber(started)) end
   redis.call('ZREM', ARGV[14] .. (redis.call('HGET', KEYS[1], 'owner') or ''), ARGV[1])
 end
 if state == 'expired' then redis.call('ZREM', ARGV[10] .. 'ended', ARGV[1]) end

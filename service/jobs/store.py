@@ -101,7 +101,7 @@ class JobStore(JobIndex):
             keys=[record_key(job.id), stream_key(job.id), owner_key(job.owner),
                   idempotency_key(job.owner, name),
                   live_key(job.owner)],
-            args=[job.id, _fields(given), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT,
+            args=[job.id, fields_of(given), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT,
                   creation.queue_cap, self._retention_ms, digest,
                   IDEMPOTENCY_SECONDS * 1000, creation.owner_cap, queue_key(job.queue)],
             client=pipeline,
@@ -112,18 +112,20 @@ class JobStore(JobIndex):
         digest, job_id = self._redis.hmget(idempotency_key(owner, key), ["digest", "job"])
         return None if digest is None else (text_of(digest), text_of(job_id))
 
-    def start(self, lease: Lease, most: int = 0) -> Job:
+    def start(self, lease: Lease, most: int = 0, *, anew: bool = True) -> Job:
         """`queued → running` under `lease`; refused unless this very attempt is waiting.
 
         most: jobs of its owner that may run at the same time, 0: any number. A job beyond them is
         refused as `waiting`, and parked.
+        anew: what an attempt before told of itself is not true of this one; it is where this one
+        goes on from there.
         """
         self._apply(
             lease.job_id,
             JobState.RUNNING,
             expect={"attempt": str(lease.attempt)},
-            # What an attempt before told of itself is not true of this one.
-            fields={"lease": lease.token(), "beats": 0, "progress": None, "preview": None},
+            fields={"lease": lease.token(), "beats": 0}
+            | ({"progress": None, "preview": None} if anew else {}),
             most=most,
         )
         job = self.get(lease.job_id)
@@ -188,21 +190,25 @@ class JobStore(JobIndex):
         return self._end(job.id, JobState.CANCELLED, _as_seen(job), problem)
 
     def ask_cancel(self, job_id: str, how: str, problem: Mapping[str, Any]) -> Changed:
-        """Cancel a queued job at once; ask a running one to stop. An ended one is refused.
+        """Cancel a job that no worker has at once; ask a running one to stop. An ended one is
+        refused.
 
-        how: "discard", or "keep" to have the surface so far as the result.
+        how: "discard", or "keep" to have the surface so far as the result: there is something of it
+        where a job was split.
         """
         try:
             return self._apply(
-                job_id, JobState.CANCELLED, expect={"lease": ""},
+                job_id, JobState.CANCELLED,
+                expect={"lease": ""} | ({"split": ""} if how == "keep" else {}),
                 fields={"problem": dict(problem), "cancel": how},
             )  # fmt: skip
         except Refused as refusal:
-            if refusal.state is not JobState.RUNNING:
+            if refusal.reason != "fenced":
                 raise
         return self._apply(
             job_id, None, expect={}, fields={"cancel": how},
-            allowed=frozenset({JobState.RUNNING}), event="cancel", data={"cancel": how},
+            allowed=frozenset({JobState.QUEUED, JobState.RUNNING}),
+            event="cancel", data={"cancel": how},
         )  # fmt: skip
 
     def expire(self, job_id: str, problem: Mapping[str, Any]) -> Changed:
@@ -267,7 +273,7 @@ class JobStore(JobIndex):
             data = {"state": target} | {k: v for k, v in fields.items() if k == "problem"}
         args = [
             job_id, json.dumps(expect), f",{','.join(sorted(sources))},", target or "",
-            _fields(fields), _STAMPS.get(target, "") if target else "", int(next_attempt), event,
+            fields_of(fields), _STAMPS.get(target, "") if target else "", int(next_attempt), event,
             json.dumps(data or {}, allow_nan=False), INDEX_PREFIX, FEED_CHANNEL, EVENTS_KEPT,
             self._retention_ms if target in RESULTS else 0, LIVE_PREFIX,
             COUNTS_KEY,
@@ -278,10 +284,7 @@ class JobStore(JobIndex):
             QUEUE_PREFIX,
         ]  # fmt: skip
         reply = self._change(keys=[record_key(job_id), stream_key(job_id)], args=args)
-        verdict, *rest = [text_of(part) for part in reply]
-        if verdict != "ok":
-            raise Refused(verdict, JobState(rest[0]) if rest else None)
-        return Changed(JobState(rest[0]), int(rest[1]), rest[2])
+        return changed_by(reply)
 
 
 _STAMPS = {
@@ -307,5 +310,14 @@ def created(reply: Any) -> None:
         raise Refused(verdict, job_id=rest[0] if rest else "")
 
 
-def _fields(values: Mapping[str, Any]) -> str:
+def changed_by(reply: Any) -> Changed:
+    """What a script answered to a change; raises Refused."""
+    verdict, *rest = [text_of(part) for part in reply]
+    if verdict != "ok":
+        raise Refused(verdict, JobState(rest[0]) if rest else None)
+    return Changed(JobState(rest[0]), int(rest[1]), rest[2])
+
+
+def fields_of(values: Mapping[str, Any]) -> str:
+    """Fields of a record as the scripts take them: a JSON object of strings."""
     return json.dumps({name: as_field(value) for name, value in values.items()})

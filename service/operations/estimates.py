@@ -85,6 +85,8 @@ class Estimates:
             seen = Outlook(workers, waiting, {})
             left: dict[str, list[float]] = {}
             for job in self._store.running():
+                if job.in_tiles:  # no worker has it
+                    continue
                 left.setdefault(job.queue, []).append(_left(job, seen, self._store.now()))
             self._outlook = Outlook(workers, waiting, left)
             self._looked_at = self._clock()
@@ -93,9 +95,16 @@ class Estimates:
         """Seconds until the job is done, as far as it can be told without asking again."""
         if job.state is JobState.RUNNING:
             return job.progress.eta if job.progress else self._outlook.pace(job.queue)
-        if position is None or job.queue not in QUEUES:
+        if position is None or job.queue not in QUEUES or _will_be_split(job):
             return None
         return self._outlook.seconds_to_end(job.queue, position)
+
+
+def _will_be_split(job: Job) -> bool:
+    """Whether its cloud takes many fits: how long other jobs took tells nothing of that."""
+    points = job.input.points or 0 if job.input is not None else 0
+    large = points > int(job.options.get("tile_points") or points)
+    return large and not job.split and job.options.get("tiles") == "auto"
 
 
 def _left(job: Job, seen: Outlook, now: float) -> float:

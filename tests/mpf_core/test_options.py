@@ -100,7 +100,7 @@ def test_the_schema_tells_reason_default_and_group_of_each() -> None:
     for name, schema in SCHEMA.items():
         assert schema["description"].endswith("."), name
         assert schema["default"] == options_to_mapping(Options())[name]
-        assert schema["x-group"] in ("job", "fit", "surface", "data")
+        assert schema["x-group"] in ("job", "fit", "surface", "data", "tile")
     json.dumps(options_schema(), allow_nan=False)
 
 

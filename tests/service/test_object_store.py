@@ -16,7 +16,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from service.app import create_app
-from service.artifacts.base import NoSuchStore, StoreUnavailable
+from service.artifacts.base import Artifacts, NoSuchStore, Published, StoreUnavailable
 from service.artifacts.bucket import Bucket, bucket_at
 from service.artifacts.object_store import ObjectArtifacts
 from service.artifacts.opened import artifacts_of
@@ -137,6 +137,52 @@ def the_input_is_served(client: TestClient, job: dict[str, Any], suffix: str = "
         part = client.get(href, headers=asked | {"Range": "bytes=3-7"})
         assert (part.status_code, part.content) == (206, there.content[3:8])
     assert client.get(href, headers={"If-None-Match": f'"{sha256}"'}).status_code == 304
+
+
+def test_a_cloud_in_tiles_leaves_one_result(place: Place, client: TestClient) -> None:
+    with running_worker(place.settings):
+        job_id = submitted(client, "tiled-2-ok.xyz")
+        job = ended(client, job_id)
+        assert job["state"] == "succeeded", job["problem"]
+        report = client.get(f"/jobs/{job_id}/report.json", headers={"Sec-Fetch-Dest": "empty"})
+        assert report.json()["fields"] == ["tile 0", "tile 1"]
+        wait_for(
+            lambda: not any(name.startswith("result-1") for name in place.of(job_id)),
+            10,
+            "plan and tiles are gone",
+        )
+    assert {"input.xyz", "result-2.json", "result-2/report.json"} <= place.of(job_id)
+    assert list(artifacts_of(place.settings).job_ids()) == [job_id]
+    assert not list((place.settings.data_dir / "work").iterdir())
+
+
+def test_a_result_is_read_where_another_attempt_works(place: Place, tmp_path: Path) -> None:
+    bucket = bucket_at(place.settings)
+    stores: list[Artifacts] = [on_machine(bucket, tmp_path / "a"), ArtifactStore(tmp_path / "b")]
+    for artifacts in stores:
+        artifacts.prepare()
+        (tmp_path / "cloud").write_bytes(b"0 0 0")
+        job_id = new_job_id()
+        artifacts.adopt_input(job_id, tmp_path / "cloud", "xyz")
+        for attempt in (1, 12):
+            folder = artifacts.work(job_id, attempt)
+            (folder / "plan.json").write_bytes(b"plan %d" % attempt)
+            (folder / "tile-000").write_bytes(b"tile")
+            artifacts.publish(job_id, attempt)
+        for but, left in ((None, {"plan.json", "tile-000"}), ("tile-", {"plan.json"})):
+            found = artifacts.local_result(
+                Published(job_id, 1), job_id, 13 + (but is None), but=but
+            )
+            assert (found / "plan.json").read_bytes() == b"plan 1"
+            assert left <= {path.name for path in found.iterdir()}
+        with pytest.raises(FileNotFoundError):
+            artifacts.local_result(Published(job_id, 2), job_id, 13)
+        artifacts.forget_results(job_id, but=1)
+        assert artifacts.result(job_id, 1, "plan.json").size == 6
+        with pytest.raises(FileNotFoundError):
+            artifacts.local_result(Published(job_id, 12), job_id, 15)
+        for attempt in (13, 14, 15):
+            artifacts.discard_work(job_id, attempt)
 
 
 def test_previews_are_shown_and_go(place: Place, client: TestClient) -> None:

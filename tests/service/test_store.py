@@ -13,6 +13,7 @@ from service.jobs.lease import Lease, Refused
 from service.jobs.model import TRANSITIONS, Job, JobProgress, JobState, new_job_id
 from service.jobs.queue import JobQueue, entry_id
 from service.jobs.store import Creation, JobStore
+from service.jobs.tile_store import TileStore
 from service.operations.store import Turns, WorkerRegister
 from service.settings import Settings
 from worker.reaper import LOST_ENTRY_SECONDS, Reaper
@@ -21,8 +22,8 @@ PROBLEM = {"code": "cancelled"}
 
 
 @pytest.fixture
-def store(redis: Redis) -> JobStore:
-    return JobStore(redis, retention_seconds=100.0)
+def store(redis: Redis) -> TileStore:
+    return TileStore(redis, retention_seconds=100.0)
 
 
 def queued(store: JobStore, redis: Redis) -> str:
@@ -104,7 +105,7 @@ def test_a_beat_between_look_and_reaping_saves_the_job(store: JobStore, redis: R
 
 
 def test_a_queued_job_that_the_queue_forgot_is_enqueued_again(
-    store: JobStore, redis: Redis, settings: Settings
+    store: TileStore, redis: Redis, settings: Settings
 ) -> None:
     job_id = queued(store, redis)
     queue = JobQueue(redis, job_seconds=10)

@@ -15,7 +15,7 @@ from service.artifacts.opened import artifacts_of
 from service.jobs.lease import Lease
 from service.jobs.model import EXTRACTION, FIT, Input
 from service.jobs.queue import JobQueue, queue_for
-from service.jobs.store import JobStore
+from service.jobs.tile_store import TileStore
 from service.operations.estimates import Outlook
 from service.operations.store import Turns, WorkerEntry, WorkerRegister
 from service.settings import QUEUES, Settings, usable_cores
@@ -142,7 +142,7 @@ def test_a_queue_that_is_none_is_refused() -> None:
 def test_of_many_workers_one_looks_after_lost_jobs(settings: Settings, redis: Redis) -> None:
     quick = settings.model_copy(update={"content_check_bytes": 0, "lease_seconds": 4.0})
     register = WorkerRegister(redis)
-    store = JobStore(redis, retention_seconds=60)
+    store = TileStore(redis, retention_seconds=60)
     queue = JobQueue(redis, job_seconds=60)
     passed = [0.0]
     reapers = [

@@ -71,6 +71,12 @@ function Stage({ job }: { job: Job }) {
       <p class="stage-name" role="status">{stage}</p>
       <progress max={1} value={progress?.fraction ?? 0} aria-label="Of the whole job" />
       <dl>
+        {job.tiles && progress?.stage === 'fit' && (
+          <>
+            <dt>Tiles</dt>
+            <dd>{count(job.tiles.done)} of {count(job.tiles.total)} fitted, {count(job.tiles.running)} under way</dd>
+          </>
+        )}
         {progress?.iteration != null && (
           <>
             <dt>Iteration</dt>
@@ -78,7 +84,7 @@ function Stage({ job }: { job: Job }) {
           </>
         )}
         {progress && <><dt>Running for</dt><dd>{seconds(progress.seconds)}</dd></>}
-        {progress?.eta != null && <><dt>Left</dt><dd>about {seconds(progress.eta)}, then the surface is taken</dd></>}
+        {progress?.eta != null && <><dt>Left</dt><dd>about {seconds(progress.eta)}{!job.tiles && ', then the surface is taken'}</dd></>}
         {job.attempt > 1 && <><dt>Attempt</dt><dd>{job.attempt}</dd></>}
       </dl>
     </>

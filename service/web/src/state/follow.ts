@@ -7,6 +7,9 @@ import { readEvents, type JobEvent } from '../api/events.ts';
 import { problemOf, Refusal, type Problem } from '../api/problem.ts';
 import { extended, forget, keep, recall, type Point } from './history.ts';
 
+/** A report of progress; of a job in tiles, how far those are. */
+type Told = Progress & { tiles?: Job['tiles'] };
+
 export type Link = 'connecting' | 'live' | 'polling' | 'lost' | 'done';
 
 const PATIENCE = 2; // streams that break at once before long polls take over
@@ -99,17 +102,18 @@ export class Follower {
     this.link.value = 'live';
     this.last = id || this.last;
     if (name === 'job') this.take(data as Job);
-    else if (name === 'progress') this.progress(data as Progress);
+    else if (name === 'progress') this.progress(data as Told);
     else if (name === 'preview') void this.fetchPreview((data as { number: number }).number);
     else if (name === 'state') void this.refresh().catch(() => {});
     keep(this.id, { points: this.history.value, last: this.last });
   }
 
-  private progress(progress: Progress): void {
+  private progress(progress: Told): void {
     const job = this.job.value;
     if (!job || ENDED.has(job.state)) return;
     this.history.value = extended(this.history.value, progress, job.attempt);
-    this.job.value = { ...job, state: 'running', queue_position: null, progress };
+    const tiles = progress.tiles ?? job.tiles;
+    this.job.value = { ...job, state: 'running', queue_position: null, progress, tiles };
   }
 
   private take(job: Job): void {

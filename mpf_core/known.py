@@ -1,0 +1,57 @@
+"""What the samples of a cloud say before anything is fitted to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpf_core.cloud.denoise import denoise, smoothed
+from mpf_core.cloud.neighbors import Neighborhoods, analyse
+from mpf_core.fit.initialize import Initialization, initialize
+from mpf_core.options import Options
+from mpf_core.watch import Watch
+
+Array = NDArray[np.float64]
+Begin = Callable[[Neighborhoods], Initialization]
+
+
+@dataclass(frozen=True)
+class Known:
+    """Normalised. `neighbours` of the analysed samples, noise taken off and thinned; `start`, None
+    without a warm start; `points` (k, 3), where the surface terms are asked for; `noise`: spread
+    of the measured samples about the surface; `denoised`: whether it was taken off."""
+
+    neighbours: Neighborhoods
+    start: Initialization | None
+    points: Array
+    noise: float
+    denoised: bool
+
+
+def known_of(
+    samples: Array, options: Options, watch: Watch, threads: int, begin: Begin | None = None
+) -> Known:
+    """From samples (n, 3) in [-1, 1]³; `begin` makes the classical start, `initialize` if not
+    given."""
+    if begin is None:
+
+        def begin(neighbours: Neighborhoods) -> Initialization:
+            return initialize(neighbours, threads=threads)
+
+    remove = options.fit.denoise != "off"
+    cleaned = denoise(samples, remove=remove, seed=options.seed, threads=threads)
+    neighbours = analyse(cleaned.thinned, threads=threads)
+    denoised = cleaned.points is not samples
+    watch.enter("initialize")
+    if not options.fit.warm_start:
+        return Known(neighbours, None, cleaned.points, cleaned.sigma, denoised)
+    start = begin(neighbours)
+    watch.check()
+    calm = smoothed(cleaned.measured, neighbours, start.normals, threads) if remove else None
+    if calm is None:
+        return Known(neighbours, start, cleaned.points, cleaned.sigma, denoised)
+    neighbours = analyse(calm.points, threads=threads)
+    return Known(neighbours, begin(neighbours), calm.points, calm.noise, True)

@@ -1,0 +1,69 @@
+"""The last step for a mesh that is of many tiles: what each tile's samples want, blended too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mpf_core.field.blend import BlendedField
+from mpf_core.options import DataOptions
+from mpf_core.quality.intersections import self_intersections
+from mpf_core.surface.fidelity import Aim, Data, aim_at, follow, taken
+from mpf_core.surface.mesh import Mesh
+from mpf_core.tiles.patchfile import PATCHES, in_frame, read_patches
+
+SUMMED = ("step", "outward", "front", "trust", "offset", "spacing")
+
+
+def onto_patches(
+    mesh: Mesh,
+    blend: BlendedField,
+    field_paths: Sequence[Path],
+    shell: float,
+    options: DataOptions,
+    threads: int,
+    clock: Callable[[], float],
+) -> tuple[Mesh, dict[str, Any]]:
+    """`mesh`, in the input's frame, moved onto the data of the tiles, and what the report tells.
+
+    Patches lie beside the fields; `shell` is ε, input units.
+    """
+    if options.fidelity == "off":
+        return mesh, {"applied": False, "reason": "switched off"}
+    files = [path.with_name(PATCHES) for path in field_paths]
+    if not all(file.is_file() for file in files):
+        return mesh, {"applied": False, "reason": "a tile's patches are missing"}
+    assert mesh.normals is not None
+    begin, whole = clock(), blend.similarity
+    vertices = whole.to_normalised(mesh.vertices)
+    aim, deviation, bandwidth = _aims(vertices, mesh, blend, files, threads)
+    data = Data(deviation, bandwidth, 2 * whole.length_to_normalised(shell))
+    moved = follow(vertices, mesh.faces, mesh.normals, aim, data, self_intersections, threads)
+    return taken(mesh, moved, whole, clock() - begin)
+
+
+def _aims(
+    vertices: NDArray[np.float64], mesh: Mesh, blend: BlendedField, files: list[Path], threads: int
+) -> tuple[Aim, float, float]:
+    """Σ wᵢ of the tiles' aims; and their fits' standard error and bandwidth, by medians. One
+    tile's patches are in memory at a time."""
+    count = len(vertices)
+    assert mesh.normals is not None
+    sums = {name: np.zeros((count, 3) if k < 2 else count) for k, name in enumerate(SUMMED)}
+    errors, widths = [], []
+    for share in blend.partition.shares(vertices):
+        own = blend.tiles[share.tile].similarity
+        found = in_frame(read_patches(files[share.tile]), own, blend.similarity)
+        patches = found.patches
+        aim = aim_at(patches, vertices[share.rows], mesh.normals[share.rows], threads)
+        for name, total in sums.items():
+            part = getattr(aim, name)
+            weight = share.weights if part.ndim == 1 else share.weights[:, None]
+            total[share.rows] += weight * part
+        errors.append(patches.deviation)
+        widths.append(patches.kernel * found.median_spacing)
+    return Aim(**sums), float(np.median(errors)), float(np.median(widths))

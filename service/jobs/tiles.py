@@ -1,0 +1,61 @@
+"""How far a job is whose cloud is fitted in tiles, by what its tiles tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import fmean
+
+from service.jobs.model import JobProgress, JobState, Tiles
+from service.jobs.tile_store import Family, Sight
+
+FIT_BEGINS, FIT_ENDS = 0.08, 0.85
+"""Shares of the whole job that are done when its tiles are made, and when they are fitted: those of
+a job with one fit (mpf_core/watch.py)."""
+
+JOIN_SHARE = (1 - FIT_ENDS) / (FIT_ENDS - FIT_BEGINS)
+"""Time to take the surface of a tile, of the time to fit it."""
+
+
+def counted(tiles: Sequence[Sight]) -> Tiles:
+    """How many there are, are fitted, and are being fitted."""
+    states = [tile.state for tile in tiles]
+    return Tiles(
+        len(tiles), states.count(JobState.SUCCEEDED), states.count(JobState.RUNNING)
+    )  # fmt: skip
+
+
+def progress_of(family: Family) -> JobProgress:
+    """What the job tells while it waits: each tile counts by its size."""
+    tiles = family.tiles
+    whole = sum(tile.weight for tile in tiles) or 1
+    done = sum(tile.weight * tile.fraction for tile in tiles) / whole
+    rates = [tile.points_per_second for tile in tiles if tile.state is JobState.RUNNING]
+    known = [rate for rate in rates if rate is not None]
+    return JobProgress(
+        stage="fit",
+        fraction=FIT_BEGINS + min(1.0, done) * (FIT_ENDS - FIT_BEGINS),
+        seconds=family.seconds,
+        eta=seconds_left(tiles),
+        points_per_second=sum(known) if known else None,
+    )
+
+
+def seconds_left(tiles: Sequence[Sight]) -> float | None:
+    """Until the job is done, if as many tiles go on being fitted at a time as now; None: who knows.
+
+    A tile that waits takes as long as the others do, and the surface its share of that.
+    """
+    took = [tile.took for tile in tiles if tile.took is not None]
+    left = {tile.id: tile.eta for tile in tiles if tile.state is JobState.RUNNING}
+    # By what the first ones say of themselves as long as none has ended.
+    paces = took or [
+        tile.eta / (1 - tile.fraction)
+        for tile in tiles
+        if tile.id in left and tile.eta is not None and tile.fraction < 1
+    ]
+    if not paces:
+        return None
+    pace = fmean(paces)
+    waiting = sum(tile.state is JobState.QUEUED for tile in tiles)
+    fitting = waiting * pace + sum(pace if eta is None else eta for eta in left.values())
+    return fitting / max(1, len(left)) + len(tiles) * pace * JOIN_SHARE

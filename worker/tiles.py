@@ -1,0 +1,117 @@
+"""What a worker does for a job in tiles beside the numerics: tiles become jobs, and their results
+one."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from contextlib import suppress
+from functools import partial
+
+from service.artifacts.base import Artifacts, Published
+from service.connection import UNREACHABLE
+from service.jobs.family import Families, cancelled_problem
+from service.jobs.lease import Changed, Lease, Refused
+from service.jobs.model import TILE, Artifact, Input, Job, JobState, new_job_id
+from service.jobs.queue import JobQueue, queue_for
+from service.jobs.tile_store import TileStore
+from service.jobs.tiles import FIT_BEGINS, FIT_ENDS
+from service.settings import Settings
+from worker.report import WHOLE, Part
+from worker.runners import JOIN, SPLIT, Gathered
+
+log = logging.getLogger("mpf.worker")
+
+TILE_FILES = "tile-"
+"""How the names of the files begin that a split leaves, one for each tile."""
+
+
+class TileWork:
+    """For one attempt."""
+
+    def __init__(
+        self,
+        store: TileStore,
+        queue: JobQueue,
+        artifacts: Artifacts,
+        lease: Lease,
+        settings: Settings,
+    ):
+        self._store = store
+        self._queue = queue
+        self._artifacts = artifacts
+        self._lease = lease
+        self._settings = settings
+        self._families = Families(store, queue, artifacts)
+
+    def part(self, job: Job, work: str) -> Part:
+        """Which part of its job the attempt is."""
+        if work == SPLIT:
+            return Part(ends=FIT_BEGINS)
+        if work == JOIN:
+            return Part(begins=FIT_ENDS)
+        if work == TILE:
+            return Part(told=partial(self._families.tell, job.parent))
+        return WHOLE
+
+    def made(self, job: Job, files: Mapping[str, Artifact]) -> list[Job]:
+        """A job for each tile among what the split has published, with its file as input."""
+        names = sorted(name for name in files if name.startswith(TILE_FILES))
+        return [self._tile(job, name, files[name]) for name in names]
+
+    def _tile(self, job: Job, name: str, about: Artifact) -> Job:
+        given = Input(name, "safetensors", about.bytes, about.sha256)
+        tile = Job(
+            id=new_job_id(),
+            state=JobState.QUEUED,
+            attempt=1,
+            kind=TILE,
+            parent=job.id,
+            queue=queue_for(TILE, job.options, given, self._settings),
+            owner=job.owner,
+            options=job.options,
+            input=given,
+        )
+        self._artifacts.share_field(job.id, self._lease.attempt, name, tile.id)
+        return tile
+
+    def hand_out(self, tiles: list[Job]) -> Changed:
+        """Let the job wait for these tiles; this attempt is over then."""
+        try:
+            changed = self._store.split(self._lease, tiles)
+        except Refused as refusal:
+            if refusal.reason != "cancelled":
+                raise
+            return self._store.cancelled(self._lease, cancelled_problem())
+        # One that is not told of now is found by the reaper.
+        for tile in tiles:
+            self._queue.enqueue(tile, tile.attempt)
+        return changed
+
+    def gathered(self, job: Job) -> Gathered | None:
+        """What is to be joined, on this machine; None if nothing is.
+
+        Raises Refused once another attempt has taken over, FileNotFoundError.
+        """
+        if not job.split:
+            return None
+        family = self._store.family(job.id)
+        here = (job.id, self._lease.attempt)
+        fitted = []
+        for sight in family.tiles:
+            tile = self._store.get(sight.id)
+            if tile is None:
+                raise FileNotFoundError(sight.id)
+            result = Published(tile.id, tile.result_attempt)
+            fitted.append(self._artifacts.local_result(result, *here))
+        # The tiles themselves have served.
+        plan = self._artifacts.local_result(Published(job.id, job.split), *here, but=TILE_FILES)
+        return Gathered(plan, tuple(fitted))
+
+    def ended(self, job: Job) -> None:
+        """This attempt is over: see to what follows for others."""
+        with suppress(Refused):
+            try:
+                self._families.look(job.parent if job.kind == TILE else job.id)
+            except UNREACHABLE as error:
+                log.warning("job %s: what follows is left to the reaper: %s", job.id, error)
