@@ -23,7 +23,6 @@ LINKS = 9  # neighbours per point in the graph that orients the normals
 CHUNK = 16_384  # points handled at once, so that memory stays a constant beside the cloud
 OPEN_ANGLE = 2.2  # radians without neighbours from which a sample is at a rim
 ROUND = 0.2  # flatness from which a patch may reach round a rod
-TURNED = 0.7  # cosine between a layer's normal and the face's, below which it is another face
 LAYERED_AROUND = 0.5  # share of a sample's links that must be layered as well for it to stay so
 
 Array = NDArray[np.float64]
@@ -136,15 +135,10 @@ def analyse(points: Array, *, normal_neighbours: int = 16, threads: int = -1) ->
     rods = find_rods(points, out["normals"], out["spacing"], out["links"], tree, rough, threads)
     out["normals"][rods.index], out["gap"][rods.index] = rods.normals, 2 * rods.radius
     out["rim"][rods.index] = 0.0
-    on_rod = np.zeros(n, dtype=bool)
-    on_rod[rods.index] = True
-    before = out["normals"]
     out["normals"] = sharpened(
-        points, before, out["spacing"], out["flatness"], tree, fixed=on_rod, threads=threads
-    )
-    # The side of a wall, close to its edge, had been taken for one of the wall's layers.
-    turned = np.abs(np.einsum("ni,ni->n", before, out["normals"])) < TURNED
-    out["gap"][turned], out["rim"][turned] = 0.0, 0.0
+        points, out["normals"], out["spacing"], out["flatness"], tree,
+        fixed=out["gap"] > 0, threads=threads,
+    )  # fmt: skip
     return Neighborhoods(points=points, tree=tree, **out)
 
 

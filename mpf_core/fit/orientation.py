@@ -1,5 +1,9 @@
 """Consistent orientation of PCA normals: a spanning tree over tangent planes (Hoppe et al. 1992).
 
+Two neighbours agree if one's normal, mirrored in the plane half way between them, looks the way of
+the other's (König & Gumhold 2009): across the edge of two faces too, where the normals themselves
+are perpendicular and tell nothing.
+
 Enclosed space seeds the tree with outward signs; where nothing is enclosed each connected piece
 keeps one consistent, arbitrary side.
 """
@@ -47,7 +51,7 @@ def orient(neighbours: Neighborhoods, seeds: Array) -> Array:
     child = np.arange(n)
     above = parent[:n]
     hung = above == n
-    agree = np.einsum("ni,ni->n", normals[child], normals[np.where(hung, 0, above)])
+    agree = _agreement(neighbours, child, np.where(hung, 0, above))
     seed_sign = np.where(seeds < 0, -1.0, 1.0)
     sign = np.append(np.where(hung, seed_sign, np.where(agree < 0, -1.0, 1.0)), 1.0)
     parent[n] = n
@@ -60,7 +64,7 @@ def _spanning_tree(neighbours: Neighborhoods, seeds: Array) -> sparse.csr_array:
     tail = np.repeat(np.arange(n), neighbours.links.shape[1])
     head = neighbours.links.ravel().astype(np.int64)
     step = points[head] - points[tail]
-    bend = 1 - np.abs(np.einsum("ni,ni->n", normals[tail], normals[head]))
+    bend = 1 - np.abs(_agreement(neighbours, tail, head))
     climb = np.abs(np.einsum("ni,ni->n", step, normals[tail]))
     cost = 1e-3 + bend + 0.5 * climb / (np.linalg.norm(step, axis=1) + 1e-12)
     seeded = np.flatnonzero(seeds)
@@ -71,6 +75,17 @@ def _spanning_tree(neighbours: Neighborhoods, seeds: Array) -> sparse.csr_array:
     # coo → csr adds duplicates up; the graph has none, since a link is listed once per tail.
     tree = csgraph.minimum_spanning_tree(graph.maximum(graph.T))
     return sparse.csr_array(tree + tree.T)
+
+
+def _agreement(
+    neighbours: Neighborhoods, tail: NDArray[np.int64], head: NDArray[np.int64]
+) -> Array:
+    """(m,) cosine between the normals of the samples `tail` (m,) and the mirrored ones of `head`."""
+    step = neighbours.points[head] - neighbours.points[tail]
+    step /= np.linalg.norm(step, axis=1, keepdims=True) + 1e-300
+    one, other = neighbours.normals[tail], neighbours.normals[head]
+    across = np.einsum("ni,ni->n", one, step) * np.einsum("ni,ni->n", other, step)
+    return np.asarray(np.einsum("ni,ni->n", one, other) - 2 * across)
 
 
 def _product_to_root(sign: Array, parent: NDArray[np.integer]) -> Array:

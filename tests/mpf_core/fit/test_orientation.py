@@ -62,3 +62,17 @@ def test_pieces_are_oriented_each_for_itself() -> None:
     normals = orient(cloud, seeds)
     assert (np.einsum("ni,ni->n", normals[:800], points[:800] - AWAY) > 0).all()
     assert abs(np.sign(normals[800:, 2]).sum()) == 400
+
+
+def test_signs_are_carried_across_sharp_edges() -> None:
+    """One seed on one face of a cube with exact normals: no sample lies between two faces."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1, 1, size=(6000, 3))
+    rows, axis = np.arange(6000), rng.integers(3, size=6000)
+    points[rows, axis] = np.sign(points[rows, axis])
+    outward = np.zeros_like(points)
+    outward[rows, axis] = points[rows, axis]
+    cloud = scrambled(replace(analyse(points, threads=1), normals=outward))
+    seeds = np.zeros(6000)
+    seeds[0] = np.sign(cloud.normals[0] @ outward[0])
+    assert (np.einsum("ni,ni->n", orient(cloud, seeds), outward) > 0).all()
