@@ -93,8 +93,13 @@ class FitOptions:
         low=0.1,
         high=LARGEST,
     )
-    surface_points: int = option(1024, "Cloud samples per step.", low=16, high=200_000)
-    near_points: int = option(1024, "Band samples per step.", low=16, high=200_000)
+    surface_points: int = option(
+        1536,
+        "Cloud samples per step; three for each one of the band fit edges closer than as many.",
+        low=16,
+        high=200_000,
+    )
+    near_points: int = option(512, "Band samples per step.", low=16, high=200_000)
     start_points: int = option(
         4096, "Samples per step of the regression to the warm start.", low=16, high=200_000
     )
@@ -295,8 +300,8 @@ PRESETS: dict[str, Options] = {
         fit=FitOptions(
             max_iterations=1600,
             time_budget=55.0,
-            surface_points=512,
-            near_points=512,
+            surface_points=768,
+            near_points=256,
             far_points=512,
             laplacian_points=64,
             start_points=2048,
