@@ -80,7 +80,7 @@ def _spanning_tree(neighbours: Neighborhoods, seeds: Array) -> sparse.csr_array:
 def _agreement(
     neighbours: Neighborhoods, tail: NDArray[np.int64], head: NDArray[np.int64]
 ) -> Array:
-    """(m,) cosine between the normals of the samples `tail` (m,) and the mirrored ones of `head`."""
+    """(m,) cosine between the normals of samples `tail` (m,) and the mirrored ones of `head`."""
     step = neighbours.points[head] - neighbours.points[tail]
     step /= np.linalg.norm(step, axis=1, keepdims=True) + 1e-300
     one, other = neighbours.normals[tail], neighbours.normals[head]

@@ -108,7 +108,7 @@ def test_groups_have_no_name_in_common() -> None:
     names = [declared.name for _, declared in option_fields()]
     assert len(names) == len(set(names))
     groups = [f.name for f in fields(Options) if is_dataclass(getattr(Options(), f.name))]
-    assert groups == ["fit", "surface", "data"]
+    assert groups == ["fit", "surface", "data", "tile"]
 
 
 def refused(changes: dict[str, Any], where: str) -> OptionsError:

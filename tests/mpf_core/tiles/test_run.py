@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -17,7 +18,8 @@ from mpf_core.reuse_cli import extract, slice_field
 from tests.mpf_core.clouds import sphere
 from tests.mpf_core.tiles.scenes import POOL, SMALL, ball, small, write_cloud
 
-TINY = {"max_iterations": 60, "width": 16, "resolution": 32, "fidelity": "off", "tile_points": 400}
+TINY: dict[str, Any] = {"max_iterations": 60, "width": 16, "start_points": 256, "resolution": 32}
+TINY |= {"fidelity": "off", "tile_points": 400}
 
 
 @pytest.fixture(autouse=True)
