@@ -5,7 +5,9 @@ And a busy machine is no fault: Hypothesis' own bounds measure the time of the c
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -13,6 +15,11 @@ from hypothesis import HealthCheck, settings
 from mpf_core.surface import export
 from mpf_core.surface.mesh import Mesh
 from tests import gltf
+
+# One cache of compiled loops for all: with one in each test's data folder every worker that a test
+# starts would compile anew.
+LOOPS = Path(__file__).resolve().parent.parent / ".pytest_cache" / "loops"
+os.environ.setdefault("NUMBA_CACHE_DIR", str(LOOPS))
 
 settings.register_profile(
     "busy machine", deadline=None, suppress_health_check=[HealthCheck.too_slow]
