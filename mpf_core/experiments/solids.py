@@ -43,8 +43,8 @@ def torus() -> Mesh:
 
 def knurled_ring() -> Mesh:
     """A torus under 73 by 31 bumps 0.008 high: a relief of waves 0.06 long."""
-    around = np.linspace(0, 2 * np.pi, 876, endpoint=False)[:, None]
-    across = np.linspace(0, 2 * np.pi, 373)
+    around = np.linspace(0, 2 * np.pi, 1314, endpoint=False)[:, None]
+    across = np.linspace(0, 2 * np.pi, 559)
     across[-1] = 0.0
     tube = 0.3 + 0.008 * np.sin(73 * around) * np.sin(31 * across)
     radius = 0.7 + tube * np.cos(across)
