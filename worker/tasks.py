@@ -84,12 +84,16 @@ class Attempt:
         log.info("job %s: attempt %s starts", *self._name())
         try:
             self._finish(self._outcome(job))
-            self._tiles.ended(job)
         finally:
-            try:
-                self._artifacts.discard_work(self._lease.job_id, self._lease.attempt)
-            except StoreUnavailable as error:
-                log.warning("job %s: left to the removal of the job: %s", self._name()[0], error)
+            self._discard()
+        # Without its lease this process may be killed any moment: from here on a reaper would do.
+        self._tiles.ended(job)
+
+    def _discard(self) -> None:
+        try:
+            self._artifacts.discard_work(*self._name())
+        except StoreUnavailable as error:
+            log.warning("job %s: left to the removal of the job: %s", self._name()[0], error)
 
     def _outcome(self, job: Job) -> Callable[[], Changed]:
         """Run the job; what comes back writes the record."""

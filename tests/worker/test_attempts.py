@@ -89,6 +89,25 @@ def test_a_join_waits_for_redis(own_bench: Bench, own_server: Server) -> None:
     assert (ended.state, ended.problem) == (JobState.SUCCEEDED, None)
 
 
+def test_scratch_is_gone_before_others_are_seen_to(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The process may be killed from there on."""
+    job_id = bench.submit("tiled-2-line.xyz")
+    bench.attempt(job_id).run()
+    tiles = [tile.id for tile in bench.store.family(job_id).tiles]
+    seen: list[Path] = []
+
+    def look(families: object, looked_at: str) -> None:
+        assert looked_at == job_id
+        seen.extend(bench.settings.data_dir.glob("jobs/*/work-*"))
+
+    monkeypatch.setattr("worker.tiles.Families.look", look)
+    bench.attempt(tiles[1]).run()
+    assert bench.job(tiles[1]).state is JobState.FAILED
+    assert seen == []
+
+
 def test_a_join_that_cannot_wait_is_tried_as_often_as_any_other_part(
     own_bench: Bench, own_server: Server
 ) -> None:
