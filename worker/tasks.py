@@ -66,7 +66,11 @@ class Attempt:
     def __init__(self, lease: Lease, redis: Redis, settings: Settings):
         self._lease = lease
         self._settings = settings
-        self._store = TileStore(redis, retention_seconds=settings.retention_seconds)
+        self._store = TileStore(
+            redis,
+            retention_seconds=settings.retention_seconds,
+            progress_seconds=settings.progress_seconds,
+        )
         self._queue = JobQueue(redis, job_seconds=settings.job_seconds)
         self._artifacts = artifacts_of(settings)
         self._artifacts.prepare()
@@ -132,10 +136,11 @@ class Attempt:
                 gathered=gathered,
             )
             RUNNERS[work](run)
+        samples = self._tiles.samples(run.out) if work == SPLIT else {}
         self._note_rate()
         files = self._patiently(lambda: self._artifacts.publish(job_id, attempt))
         if work == SPLIT:
-            made = self._patiently(lambda: self._tiles.made(job, files))
+            made = self._patiently(lambda: self._tiles.made(job, files, samples))
             return lambda: self._tiles.hand_out(made)
         return lambda: self._store.succeed(self._lease, files)
 

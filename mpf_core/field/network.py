@@ -12,8 +12,8 @@ from mpf_core.field.header import Found, number, one_of, whole, wrong
 from mpf_core.field.metric_phase import COMPOSITES, MetricPhaseField
 
 LARGEST_WIDTH = 1024
-# No honest fit comes near. It keeps the arguments of sines, at most (width + 1) times as large, where
-# compiled ones are still sines (`kernels._sincos`).
+# No honest fit comes near. It keeps the arguments of sines, at most (width + 1) times as large,
+# where compiled ones are still sines (`kernels._sincos`).
 LARGEST_WEIGHT = 1e4
 
 

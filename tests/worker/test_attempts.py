@@ -15,7 +15,7 @@ from service.connection import connect
 from service.jobs.lease import Lease
 from service.jobs.model import Job, JobState
 from service.jobs.tile_store import TileStore
-from service.settings import Settings
+from service.settings import FIT_LARGE, FIT_SMALL, Settings
 from tests.services import Server, form, settings_for
 from tests.worker import plumbing
 from worker import runners
@@ -87,6 +87,26 @@ def test_a_join_waits_for_redis(own_bench: Bench, own_server: Server) -> None:
     back.join()
     ended = own_bench.job(job_id)
     assert (ended.state, ended.problem) == (JobState.SUCCEEDED, None)
+
+
+def test_the_samples_of_a_tile_name_its_queue(bench: Bench) -> None:
+    for most, queue in ((plumbing.SAMPLES, FIT_SMALL), (plumbing.SAMPLES - 1, FIT_LARGE)):
+        bench.settings = bench.settings.model_copy(update={"large_fit_points": most})
+        job_id = bench.submit("tiled-2-ok.xyz")
+        bench.attempt(job_id).run()
+        tiles = [bench.job(tile.id) for tile in bench.store.family(job_id).tiles]
+        assert [tile.queue for tile in tiles] == [queue, queue]
+        assert [tile.input and tile.input.points for tile in tiles] == [plumbing.SAMPLES] * 2
+
+
+def test_no_more_tiles_than_a_job_may_have(bench: Bench) -> None:
+    """Of a cloud whose points were not counted when it came."""
+    bench.settings = bench.settings.model_copy(update={"tiles_per_job": 2})
+    job_id = bench.submit("tiled-3-ok.xyz")
+    bench.attempt(job_id).run()
+    problem = bench.job(job_id).problem or {}
+    assert (problem["code"], problem["where"]) == ("options.invalid", "tile_points")
+    assert not bench.store.family(job_id).tiles
 
 
 def test_scratch_is_gone_before_others_are_seen_to(
