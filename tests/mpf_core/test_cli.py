@@ -162,7 +162,7 @@ def test_the_exit_code_tells_whose_fault_it_is(
     def fail(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr("mpf_core.pipeline.reconstruct_cloud", fail)
+    monkeypatch.setattr("mpf_core.results.reconstruct_cloud", fail)
     complaint(run(cloud, "-o", tmp_path / "o.ply", *SMALL), code)
 
 

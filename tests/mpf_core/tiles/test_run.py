@@ -67,7 +67,7 @@ def test_a_cancelled_run_goes_on_where_it_was(cloud: Path, tmp_path: Path) -> No
 
 def test_a_wish_to_stop_leaves_a_surface_of_all_tiles(cloud: Path, tmp_path: Path) -> None:
     told: list[Progress] = []
-    options = small(**TINY | {"max_iterations": 400})
+    options = small(**TINY | {"max_iterations": 400, "width": 64})
     report = reconstruct_file(
         cloud, tmp_path / "out", options, progress=told.append,
         stop=lambda: any(p.iteration is not None for p in told),
