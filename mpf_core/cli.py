@@ -95,6 +95,7 @@ def _reconstruct(
     from mpf_core import outputs, results  # load torch
     from mpf_core.field.blendfile import save_field
     from mpf_core.surface.export import write_mesh
+    from mpf_core.tiles import forget_kept
     from mpf_core.watch import Watch
 
     line = ProgressLine()
@@ -113,6 +114,8 @@ def _reconstruct(
         )
     if report is not None:
         outputs.write_report(told, report)
+    if checkpoint is not None:
+        forget_kept(checkpoint)
     click.echo(summary(result.report, output, seconds))
 
 

@@ -250,6 +250,10 @@ class DataOptions:
     )
 
 
+MOST_TILES = 256
+"""Of one cloud, and of a blended field that is read."""
+
+
 @dataclass(frozen=True)
 class TileOptions:
     """When a cloud is fitted in parts."""

@@ -11,7 +11,7 @@ from mpf_core.options import Options
 from mpf_core.outputs import Result, write_result
 from mpf_core.pipeline import reconstruct_cloud
 from mpf_core.progress import CancelCheck, Clock, PreviewCallback, ProgressCallback
-from mpf_core.tiles import reconstruct_tiled, tile_count
+from mpf_core.tiles import forget_kept, reconstruct_tiled, tile_count
 from mpf_core.watch import Watch
 
 
@@ -40,11 +40,14 @@ def reconstruct_file(
     Returns the report. Raises InputError, FitError, SurfaceError, Cancelled.
     """
     watch = Watch(clock, progress, cancel, stop=stop, checkpoint=checkpoint, preview=preview)
-    return write_result(reconstructed(cloud_path, options, watch), out, options)
+    report = write_result(reconstructed(cloud_path, options, watch), out, options)
+    if checkpoint is not None:
+        forget_kept(checkpoint)
+    return report
 
 
 def reconstructed(cloud_path: Path, options: Options, watch: Watch) -> Result:
-    """The same without writing, in one fit or in tiles."""
+    """The same without writing, in one fit or in tiles; what is kept of these stays."""
     watch.enter("read")
     cloud = read_cloud(cloud_path)
     if tile_count(len(cloud), options) == 1:

@@ -9,6 +9,8 @@ from typing import Literal
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from mpf_core.options import MOST_TILES
+
 MEBIBYTE = 2**20
 
 QueueName = Literal["extract", "fit-small", "fit-large"]
@@ -107,6 +109,14 @@ class Settings(BaseSettings):
         description="Jobs of one caller that run at the same time; the others wait. 0: no limit.",
     )
 
+    tiles_per_job: int = Field(
+        default=64,
+        ge=1,
+        le=MOST_TILES,
+        description="Tiles of one cloud; what asks for more is refused. The default has room for "
+        "25 million points at the default of 400,000 a tile.",
+    )
+
     # How a job runs
     threads: int | None = Field(
         default=None, ge=1, description="CPU threads of one fit; cores // workers if not given."
@@ -158,7 +168,10 @@ class Settings(BaseSettings):
         "killed; there is nothing of it to save, s.",
     )
     keep_grace_seconds: float = Field(
-        default=300.0, gt=0, description="The same where the surface so far is wanted, s."
+        default=300.0,
+        gt=0,
+        description="The same where the surface so far is wanted, s; a cloud in tiles has no "
+        "surface before all of them have ended, and takes its time.",
     )
     heartbeat_seconds: float = Field(
         default=1.0, gt=0, description="How often a worker renews the lease on its job, s."

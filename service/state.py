@@ -59,7 +59,11 @@ def build_state(settings: Settings) -> State:
     """Wire the parts; nothing connects before it is used."""
     redis = connect(settings)
     artifacts = artifacts_of(settings)
-    store = TileStore(redis, retention_seconds=settings.retention_seconds)
+    store = TileStore(
+        redis,
+        retention_seconds=settings.retention_seconds,
+        progress_seconds=settings.progress_seconds,
+    )
     queue = JobQueue(redis, job_seconds=settings.job_seconds)
     resumable = uploads_of(settings, redis)
     commands = JobCommands(redis, store, queue, artifacts, settings)

@@ -71,7 +71,11 @@ class Housekeeping:
         redis = connect(settings)
         register = WorkerRegister(redis)
         queue = JobQueue(redis, job_seconds=settings.job_seconds)
-        store = TileStore(redis, retention_seconds=settings.retention_seconds)
+        store = TileStore(
+            redis,
+            retention_seconds=settings.retention_seconds,
+            progress_seconds=settings.progress_seconds,
+        )
         artifacts = artifacts_of(settings)
         reaper = Reaper(store, queue, artifacts, settings, register, Turns(redis))
         retention = Retention(store, artifacts, settings)

@@ -18,8 +18,8 @@ class LeaseKeeper:
     """Renews one lease from a thread while the job process lives.
 
     The parent does this, not the job process: a long call into native code must not look like
-    death. `kill` is called once, when the lease is lost, a cancelled job outstays its grace, or the
-    process lives longer than `limit` seconds by the steady clock: then `overtime` is true.
+    death. `kill` is called once, when the lease is lost, a job that is given up outstays its grace,
+    or the process lives longer than `limit` seconds by the steady clock: then `overtime` is true.
     """
 
     def __init__(
@@ -63,11 +63,11 @@ class LeaseKeeper:
                 self._kill()
                 return
             try:
-                valid, cancel = self._store.renew(self._lease)
+                must_die = self._must_die(*self._store.renew(self._lease))
             except UNREACHABLE as error:
                 log.warning("job %s: cannot renew its lease: %s", self._lease.job_id, error)
                 continue
-            if self._must_die(valid, cancel):
+            if must_die:
                 self._kill()
                 return
 
@@ -83,4 +83,7 @@ class LeaseKeeper:
         grace = self._grace[cancel]
         self._pause = min(self._every, grace)
         self._cancelled_since = self._cancelled_since or time.monotonic()
-        return time.monotonic() - self._cancelled_since >= grace
+        if time.monotonic() - self._cancelled_since < grace:
+            return False
+        job = self._store.get(self._lease.job_id)
+        return job is None or job.given_up

@@ -122,29 +122,17 @@ def split(run: Run) -> None:
 
 def fit_tile(run: Run) -> None:
     """A tile in, its field out; a short fit if the job is to be kept before this has begun."""
-    from mpf_core.tiles import fit_tile_file
-    from mpf_core.tiles.run import HURRIED
+    from mpf_core.tiles.child import fit_tile_in_time
 
-    options = run.options()
-    stop = run.reporter.stop
-    if stop():
-        few = min(HURRIED, options.fit.max_iterations)
-        options = replace(options, fit=replace(options.fit, max_iterations=few))
-        stop = never
-    fit_tile_file(
+    fit_tile_in_time(
         run.input,
         run.out,
-        options,
+        run.options(),
         progress=run.reporter.progress,
-        stop=stop,
+        stop=run.reporter.stop,
         cancel=run.reporter.cancel,
         checkpoint=run.checkpoint,
     )
-
-
-def never() -> bool:
-    """What a fit is told that nobody stops."""
-    return False
 
 
 def join(run: Run) -> None:

@@ -38,15 +38,16 @@ def settle(
         job = store.get(lease.job_id)
         if job is not None and job.state is JobState.RUNNING and job.lease == lease.token():
             log.warning("job %s: its process ended with %s", job.id, code)
-            if overtime and not job.cancel:
+            if overtime and not job.given_up:
                 store.fail(lease, time_limit_problem(settings))
             else:
                 _end_of(job, lease, code, store, queue, settings)
-            artifacts.discard_work(lease.job_id, lease.attempt)
             forget_if_ended(job.id, store, artifacts)
         elif job is not None and job.state is JobState.QUEUED and code == -signal.SIGTERM:
             # It was told to leave before it had started.
             queue.enqueue(job, job.attempt)
+        if code != 0:  # else it has done so itself
+            artifacts.discard_work(lease.job_id, lease.attempt)
     except Refused as refusal:
         log.info("job %s: settled elsewhere (%s)", lease.job_id, refusal)
     except RedisError as error:

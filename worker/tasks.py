@@ -43,7 +43,10 @@ log = logging.getLogger("mpf.worker")
 T = TypeVar("T")
 
 STORE_PAUSE_SECONDS = 1.0
-"""Between two tries to reach the artefact store."""
+"""Between two tries to reach the artefact store, or Redis."""
+
+AWAY = (StoreUnavailable, *UNREACHABLE)
+"""What an attempt meets while one of them is away."""
 
 
 def run(job_id: str) -> None:
@@ -63,7 +66,11 @@ class Attempt:
     def __init__(self, lease: Lease, redis: Redis, settings: Settings):
         self._lease = lease
         self._settings = settings
-        self._store = TileStore(redis, retention_seconds=settings.retention_seconds)
+        self._store = TileStore(
+            redis,
+            retention_seconds=settings.retention_seconds,
+            progress_seconds=settings.progress_seconds,
+        )
         self._queue = JobQueue(redis, job_seconds=settings.job_seconds)
         self._artifacts = artifacts_of(settings)
         self._artifacts.prepare()
@@ -81,12 +88,16 @@ class Attempt:
         log.info("job %s: attempt %s starts", *self._name())
         try:
             self._finish(self._outcome(job))
-            self._tiles.ended(job)
         finally:
-            try:
-                self._artifacts.discard_work(self._lease.job_id, self._lease.attempt)
-            except StoreUnavailable as error:
-                log.warning("job %s: left to the removal of the job: %s", self._name()[0], error)
+            self._discard()
+        # Without its lease this process may be killed any moment: from here on a reaper would do.
+        self._tiles.ended(job)
+
+    def _discard(self) -> None:
+        try:
+            self._artifacts.discard_work(*self._name())
+        except StoreUnavailable as error:
+            log.warning("job %s: left to the removal of the job: %s", self._name()[0], error)
 
     def _outcome(self, job: Job) -> Callable[[], Changed]:
         """Run the job; what comes back writes the record."""
@@ -98,8 +109,8 @@ class Attempt:
             return self._failed(problem_from(error).as_dict())
         except JobTimeoutException:
             return self._failed(time_limit_problem(self._settings))
-        except StoreUnavailable as error:
-            return self._without_store(error)
+        except AWAY as error:
+            return self._without_store(error, job)
         except Exception as error:
             return self._failed(self._unexpected(error))
 
@@ -125,10 +136,11 @@ class Attempt:
                 gathered=gathered,
             )
             RUNNERS[work](run)
+        samples = self._tiles.samples(run.out) if work == SPLIT else {}
         self._note_rate()
         files = self._patiently(lambda: self._artifacts.publish(job_id, attempt))
         if work == SPLIT:
-            made = self._patiently(lambda: self._tiles.made(job, files))
+            made = self._patiently(lambda: self._tiles.made(job, files, samples))
             return lambda: self._tiles.hand_out(made)
         return lambda: self._store.succeed(self._lease, files)
 
@@ -138,12 +150,13 @@ class Attempt:
         return self._store.start(self._lease, self._settings.running_per_owner, anew=anew)
 
     def _patiently(self, act: Callable[[], T]) -> T:
-        """Wait for the artefact store while it is away; raises Cancelled once that is in vain."""
+        """Wait for the artefact store and Redis while one of them is away; raises Cancelled once
+        that is in vain."""
         deadline = time.monotonic() + self._settings.redis_patience_seconds
         while True:
             try:
                 return act()
-            except StoreUnavailable as error:
+            except AWAY as error:
                 if self._reporter.cancel():
                     raise Cancelled("the job is not ours any more") from error
                 if time.monotonic() > deadline:
@@ -151,12 +164,13 @@ class Attempt:
                 log.warning("job %s: attempt %s waits: %s", *self._name(), error)
                 time.sleep(STORE_PAUSE_SECONDS)
 
-    def _without_store(self, error: StoreUnavailable) -> Callable[[], Changed]:
-        """Another worker may reach the store; the last attempt ends."""
+    def _without_store(self, error: Exception, job: Job) -> Callable[[], Changed]:
+        """Another worker may reach what this one cannot; the last attempt ends."""
         log.warning("job %s: attempt %s gives up: %s", *self._name(), error)
-        if self._lease.attempt < self._settings.max_attempts:
+        if job.tries < self._settings.max_attempts:
             return self._handed_back
-        problem = Problem("service.unavailable", "the artefact store does not answer")
+        away = "Redis" if isinstance(error, UNREACHABLE) else "the artefact store"
+        problem = Problem("service.unavailable", f"{away} does not answer")
         return self._failed(problem.as_dict())
 
     def _note_rate(self) -> None:

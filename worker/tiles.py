@@ -3,10 +3,12 @@ one."""
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 
 from service.artifacts.base import Artifacts, Published
 from service.connection import UNREACHABLE
@@ -15,13 +17,14 @@ from service.jobs.lease import Changed, Lease, Refused
 from service.jobs.model import TILE, Artifact, Input, Job, JobState, new_job_id
 from service.jobs.queue import JobQueue, queue_for
 from service.jobs.tile_store import TileStore
-from service.jobs.tiles import FIT_BEGINS, FIT_ENDS
+from service.jobs.tiles import FIT_BEGINS, FIT_ENDS, require_at_most
 from service.settings import Settings
 from worker.report import WHOLE, Part
 from worker.runners import JOIN, SPLIT, Gathered
 
 log = logging.getLogger("mpf.worker")
 
+PLAN = "plan.json"
 TILE_FILES = "tile-"
 """How the names of the files begin that a split leaves, one for each tile."""
 
@@ -54,13 +57,24 @@ class TileWork:
             return Part(told=partial(self._families.tell, job.parent))
         return WHOLE
 
-    def made(self, job: Job, files: Mapping[str, Artifact]) -> list[Job]:
-        """A job for each tile among what the split has published, with its file as input."""
-        names = sorted(name for name in files if name.startswith(TILE_FILES))
-        return [self._tile(job, name, files[name]) for name in names]
+    def samples(self, split: Path) -> Mapping[str, int]:
+        """How many each tile has that was split into this folder, by the name of its file.
 
-    def _tile(self, job: Job, name: str, about: Artifact) -> Job:
-        given = Input(name, "safetensors", about.bytes, about.sha256)
+        Raises OptionsError where they are more than one job may have: its points were not counted
+        when it came.
+        """
+        told = json.loads((split / PLAN).read_bytes())["tiles"]
+        require_at_most(self._settings.tiles_per_job, len(told))
+        return {tile["file"]: int(tile["samples"]) for tile in told}
+
+    def made(
+        self, job: Job, files: Mapping[str, Artifact], samples: Mapping[str, int]
+    ) -> list[Job]:
+        """A job for each tile of what the split has published, with its file as input."""
+        return [self._tile(job, name, files[name], samples[name]) for name in sorted(samples)]
+
+    def _tile(self, job: Job, name: str, about: Artifact, samples: int) -> Job:
+        given = Input(name, "safetensors", about.bytes, about.sha256, samples)
         tile = Job(
             id=new_job_id(),
             state=JobState.QUEUED,
@@ -91,7 +105,7 @@ class TileWork:
     def gathered(self, job: Job) -> Gathered | None:
         """What is to be joined, on this machine; None if nothing is.
 
-        Raises Refused once another attempt has taken over, FileNotFoundError.
+        Raises FileNotFoundError where a tile is gone, which is where the job is not ours any more.
         """
         if not job.split:
             return None

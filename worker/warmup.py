@@ -52,7 +52,7 @@ def main() -> None:
     except ImportError:  # an installation without the extra `fit`, which jobs will tell
         return
     if prepare(products_in("auto")).NAME == "plain":
-        log.warning("fits take twice as long, as loops cannot be compiled: %s", why_plain())
+        log.warning("fits take longer, as loops cannot be compiled: %s", why_plain())
 
 
 if __name__ == "__main__":

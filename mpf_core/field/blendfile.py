@@ -47,10 +47,10 @@ from mpf_core.field.network import (
 )
 from mpf_core.field.partition import Cut, Partition
 from mpf_core.files import write_atomically
+from mpf_core.options import MOST_TILES
 
 VERSION = 1
 ENTRY = "metric-phase-blend"
-MOST_TILES = 256
 LARGEST_GRID = 320  # voxels a side
 
 

@@ -6,6 +6,7 @@ Importing this loads the compiler (numba), which may not be there; `pointwise` d
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -57,7 +58,24 @@ def _compilation(name: str, form: str, kept: torch.dtype | None) -> Callable[[],
         narrow = code[0] == "K" and kept is torch.bfloat16
         return types.Array(types.uint16 if narrow else types.float32, int(code[1]), "C")
 
-    return lambda: getattr(kernels, name).compile(tuple(of(code) for code in form.split()))
+    kernel, types_of = getattr(kernels, name), tuple(of(code) for code in form.split())
+
+    def run() -> None:
+        try:
+            kernel.compile(types_of)
+        except Exception:  # of the cache's own: the compiler writes without syncing, and a power
+            # cut may leave files of its names that are empty
+            _forget(kernel)
+            kernel.compile(types_of)
+
+    return run
+
+
+def _forget(kernel: Any) -> None:
+    """Remove what the cache holds of a loop; raises OSError."""
+    if kernel.stats.cache_path is not None:
+        for path in Path(kernel.stats.cache_path).glob(f"kernels.{kernel.__name__}-*.nb[ci]"):
+            path.unlink(missing_ok=True)
 
 
 def _over_tensors(name: str) -> Callable[..., None]:

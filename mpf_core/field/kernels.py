@@ -98,7 +98,9 @@ COSINE = (f32(-4.99999322e-01), f32(4.16639879e-02), f32(-1.38559143e-03), f32(2
 @numba.njit(**COMPILED)
 def _sincos(z):
     """Sine and cosine, off by less than 1e-6 for |z| up to 1000: those of half the angle within
-    ±π/2 by least-maximum polynomials, doubled."""
+    ±π/2 by least-maximum polynomials, doubled. Up to 2·10⁷ they stay on the circle, as close to the
+    angle as float32 holds it; beyond, `TO_WHOLE` rounds no more and they are neither (no file with
+    such weights is read: `network.LARGEST_WEIGHT`)."""
     turns = (z * ONE_BY_TURN + TO_WHOLE) - TO_WHOLE
     a = f32(0.5) * (((z - turns * TURN[0]) - turns * TURN[1]) - turns * TURN[2])
     q = a * a

@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from mpf_core.field.header import Found, number, one_of, whole, wrong
 from mpf_core.field.metric_phase import COMPOSITES, MetricPhaseField
 
-LARGEST_WEIGHT = 1e6  # no honest fit comes near; beyond, single precision overflows in a layer
+LARGEST_WIDTH = 1024
+# No honest fit comes near. It keeps the arguments of sines, at most (width + 1) times as large,
+# where compiled ones are still sines (`kernels._sincos`).
+LARGEST_WEIGHT = 1e4
 
 
 def sizes_of(field: MetricPhaseField) -> dict[str, Any]:
@@ -34,7 +37,7 @@ def empty_network(about: dict[str, Any]) -> MetricPhaseField:
     """A network of the header's sizes: shapes without memory."""
     with torch.device("meta"):
         return MetricPhaseField(
-            width=whole(about, "width", 8, 1024),
+            width=whole(about, "width", 8, LARGEST_WIDTH),
             omega=number(about, "omega", 1e-3, 1e6),
             softplus_slope=number(about, "softplus_slope", 1e-3, 1e6),
             composite=one_of(about, "composite", COMPOSITES),

@@ -15,6 +15,7 @@ from mpf_core.tiles.count import tile_count
 if TYPE_CHECKING:
     from mpf_core.tiles.child import fit_tile_file
     from mpf_core.tiles.join import join_files
+    from mpf_core.tiles.kept import forget_kept
     from mpf_core.tiles.plan import Plan, read_plan
     from mpf_core.tiles.run import reconstruct_tiled
     from mpf_core.tiles.split import split_file
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Plan",
     "fit_tile_file",
+    "forget_kept",
     "join_files",
     "read_plan",
     "reconstruct_tiled",
@@ -36,6 +38,7 @@ _LATE = {
     "split_file": "split",
     "fit_tile_file": "child",
     "join_files": "join",
+    "forget_kept": "kept",
     "reconstruct_tiled": "run",
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ from mpf_core.watch import Watch
 BEGINS = {"read": 0.0, "prepare": 0.01, "initialize": 0.1, "fit": 0.15, "report": 0.95, "done": 1.0}
 KEPT = 0.05  # of the time budget, for what comes after the fit
 FIELD, REPORT = "field.safetensors", "report.json"
+HURRIED = 150  # iterations of tiles that were not begun when the caller wanted to stop: a surface
 
 
 def fit_tile_file(
@@ -73,6 +75,32 @@ def fit_tile_file(
     write_report(report, out / REPORT)
     watch.enter("done")
     return report
+
+
+def fit_tile_in_time(
+    tile_path: str | Path,
+    out: str | Path,
+    options: Options,
+    *,
+    progress: ProgressCallback | None = None,
+    stop: CancelCheck | None = None,
+    cancel: CancelCheck | None = None,
+    checkpoint: Path | None = None,
+    clock: Clock = time.monotonic,
+) -> dict[str, Any]:
+    """As `fit_tile_file`, but where `stop` says so before anything is fitted, of few iterations.
+
+    Such a fit is planned for these, and so no state is kept that a longer one could not go on from.
+    """
+    begun = checkpoint is not None and checkpoint.exists()
+    if stop is not None and not begun and stop():
+        few = min(HURRIED, options.fit.max_iterations)
+        options = replace(options, fit=replace(options.fit, max_iterations=few))
+        stop = checkpoint = None
+    return fit_tile_file(
+        tile_path, out, options,
+        progress=progress, stop=stop, cancel=cancel, checkpoint=checkpoint, clock=clock,
+    )  # fmt: skip
 
 
 class _Soon:

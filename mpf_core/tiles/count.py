@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from mpf_core.options import Options
-
-MOST_TILES = 256
+from mpf_core.options import MOST_TILES, Options
 
 
 def tile_count(points: int, options: Options) -> int:

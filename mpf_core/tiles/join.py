@@ -22,6 +22,7 @@ from mpf_core.field.artefact import load_field
 from mpf_core.field.blend import BlendedField, Tile
 from mpf_core.field.fitted import FittedField
 from mpf_core.field.footprint import Footprint
+from mpf_core.field.header import number, whole
 from mpf_core.options import Options
 from mpf_core.outputs import write_result
 from mpf_core.parallel import workers
@@ -32,7 +33,7 @@ from mpf_core.surface.edit import edited
 from mpf_core.surface.extraction import extract_mesh
 from mpf_core.surface.mesh import Mesh
 from mpf_core.tiles.lay import onto_patches
-from mpf_core.tiles.plan import Plan, read_plan
+from mpf_core.tiles.plan import Plan, as_tile_errors, read_plan
 from mpf_core.tiles.split import prepared
 from mpf_core.watch import Watch
 
@@ -179,6 +180,20 @@ def _fit_beside(path: Path) -> dict[str, Any]:
     """What the tile's own report tells of its fit; nothing where there is none."""
     try:
         told = json.loads(path.with_name("report.json").read_bytes())["fit"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return {}
-    return told if isinstance(told, dict) else {}
+    return _judged(told) if isinstance(told, dict) else {}
+
+
+def _judged(told: dict[str, Any]) -> dict[str, Any]:
+    """Of these figures those that are there. Raises TileFormat: they may come from anywhere."""
+    found: dict[str, Any] = {}
+    with as_tile_errors():
+        for name in ("iterations", "planned_iterations"):
+            if name in told:
+                found[name] = whole(told, name, 0, 10**9)
+        if "seconds" in told:
+            found["seconds"] = number(told, "seconds", 0.0, 1e9)
+    if "stopped_by" in told:
+        found["stopped_by"] = str(told["stopped_by"])[:80]
+    return found

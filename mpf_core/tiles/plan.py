@@ -42,7 +42,7 @@ from mpf_core.field.network import check_tensors
 from mpf_core.field.partition import Partition
 from mpf_core.files import write_atomically
 from mpf_core.fit.inherited import Phase
-from mpf_core.tiles.count import MOST_TILES
+from mpf_core.options import MOST_TILES
 
 VERSION = 1
 PLAN_ENTRY, TILE_ENTRY = "metric-phase-plan", "metric-phase-tile"
@@ -179,10 +179,12 @@ def _read_tile(file: Any) -> TileData:
     tiles = whole(about, "tiles", 1, MOST_TILES)
     index = whole(about, "index", 0, tiles - 1)
     frame, support = frame_in(about), np.reshape(numbers(about, "support", 6, 1e100), (2, 3))
+    if not (support[0] < support[1]).all():
+        raise TileFormat("the tile's support has no volume")
     corner = np.array(numbers(about, "corner", 3, 100.0))
     lengths = [number(about, name, 1e-9, 2.0) for name in ("voxel", "shell")]
     enclosures = whole(about, "enclosures", 0, 10**7)
-    spacing = number(about, "spacing", 0.0, 1e100)
+    spacing = number(about, "spacing", 1e-100, 1e100)
     n, m = (_rows(file, name) for name in ("points", "phase.points"))
     grid = tuple(file.get_slice("phase.labels").get_shape()) if m else ()
     if len(grid) != 3 or not all(1 <= k <= LARGEST_GRID for k in grid):

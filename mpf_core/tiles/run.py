@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mpf_core.options import Options, options_to_mapping
+from mpf_core.errors import TileError
+from mpf_core.options import Options
 from mpf_core.progress import Progress
-from mpf_core.tiles.child import FIELD, REPORT, fit_tile_file
+from mpf_core.tiles.child import FIELD, fit_tile_in_time
 from mpf_core.tiles.join import BEGINS as JOINING
 from mpf_core.tiles.join import TiledReconstruction, joined
+from mpf_core.tiles.kept import is_fitted, kept_beside
 from mpf_core.tiles.plan import PLAN, Plan, read_plan
 from mpf_core.tiles.split import split_file
 from mpf_core.watch import Watch
 
 # Shares of the whole that are done when tiles begin and when they are joined.
 SPLIT, FITTED = 0.08, 0.85
-HURRIED = 150  # iterations of tiles that were not begun when the caller wanted to stop: a surface
 # Stages that callers do not know, as those that they do.
 STAGE = {"split": "initialize", "fidelity": "extract", "done": "report"}
 
@@ -34,12 +31,14 @@ def reconstruct_tiled(
     """The surface of a cloud that is fitted in tiles; `time_budget` is that of each.
 
     Where `watch` has a checkpoint, plan, fitted tiles and the state of the one under way are kept
-    in a folder beside it, and taken from there at first. When `watch.stop` says so, the tile under
-    way ends with what it has, and the others are fitted in a hurry. No previews.
+    in a folder beside it, and taken from there at first; once the result is written the caller
+    removes that (`forget_kept`). When `watch.stop` says so, the tile under way ends with what it
+    has, and the others are fitted in a hurry. No previews.
     """
     cloud_path = Path(cloud_path)
     with _folder(watch.checkpoint, cloud_path, options) as folder:
-        plan = _plan(cloud_path, folder, options, watch)
+        notes: list[str] = []
+        plan = _plan(cloud_path, folder, options, watch, notes)
         watch.enter("fit")
         fields = [_fitted(folder, plan, index, options, watch) for index in range(plan.tiles)]
         watch.enter("extract")
@@ -48,7 +47,9 @@ def reconstruct_tiled(
         result = joined(folder, fields, cloud_path, options, inner)
     watch.enter("done")
     watch.seconds |= {name: s for name, s in inner.seconds.items() if name != "read"}
-    return replace(result, report={**result.report, "timings": dict(watch.seconds)})
+    fit = {**result.report["fit"], "notes": notes}
+    report = {**result.report, "fit": fit, "timings": dict(watch.seconds)}
+    return replace(result, report=report)
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,13 @@ class _Part:
         return tell
 
 
-def _plan(cloud_path: Path, folder: Path, options: Options, watch: Watch) -> Plan:
+def _plan(cloud_path: Path, folder: Path, options: Options, watch: Watch, notes: list[str]) -> Plan:
     watch.enter("prepare")
     if (folder / PLAN).is_file():
-        return read_plan(folder)
+        try:
+            return read_plan(folder)
+        except (TileError, FileNotFoundError) as error:  # the same cloud gives the same tiles again
+            notes.append(f"The kept plan could not be read, and was made again: {error}")
     told = _Part(watch, watch.begins["prepare"], SPLIT).told(None)
     return split_file(
         cloud_path, folder, options, progress=told, cancel=watch.cancel, clock=watch.clock
@@ -90,21 +94,18 @@ def _plan(cloud_path: Path, folder: Path, options: Options, watch: Watch) -> Pla
 def _fitted(folder: Path, plan: Plan, index: int, options: Options, watch: Watch) -> Path:
     """The field of a tile, fitted unless it is there already."""
     out = folder / str(index)
-    if (out / REPORT).is_file():
+    hurry = watch.stop is not None and watch.stop()
+    if is_fitted(out, options, anyhow=hurry):
         return out / FIELD
     out.mkdir(exist_ok=True)
     step = (FITTED - SPLIT) / plan.tiles
     part = _Part(watch, SPLIT + index * step, SPLIT + (index + 1) * step)
-    hurry = watch.stop is not None and watch.stop()
-    if hurry:
-        few = min(HURRIED, options.fit.max_iterations)
-        options = replace(options, fit=replace(options.fit, max_iterations=few))
-    fit_tile_file(
+    fit_tile_in_time(
         folder / plan.files[index],
         out,
         options,
         progress=part.told("fit", index, plan.tiles),
-        stop=None if hurry else watch.stop,
+        stop=watch.stop,
         cancel=watch.cancel,
         checkpoint=out / "checkpoint.safetensors" if watch.checkpoint is not None else None,
         clock=watch.clock,
@@ -114,29 +115,10 @@ def _fitted(folder: Path, plan: Plan, index: int, options: Options, watch: Watch
 
 @contextmanager
 def _folder(checkpoint: Path | None, cloud_path: Path, options: Options) -> Iterator[Path]:
-    """Where plan, tiles and fields lie: for as long as the block lasts, or beside `checkpoint`
-    until it ends without an error. Named by cloud and options, it is never another run's."""
-    if checkpoint is None:
-        with TemporaryDirectory(prefix="mpf-tiles-") as name:
-            yield Path(name)
+    """Where plan, tiles and fields lie: kept beside `checkpoint`, or for as long as the block
+    lasts."""
+    if checkpoint is not None:
+        yield kept_beside(checkpoint, cloud_path, options)
         return
-    base = checkpoint.with_name(f"{checkpoint.name}.tiles")
-    folder = base / _name(cloud_path, options)
-    if not folder.is_dir():
-        shutil.rmtree(base, ignore_errors=True)
-        folder.mkdir(parents=True)
-    yield folder
-    shutil.rmtree(base, ignore_errors=True)
-
-
-def _name(cloud_path: Path, options: Options) -> str:
-    """A digest of all that plan and fields depend on; budgets say when a fit ends, not how it
-    goes."""
-    settings = options_to_mapping(options)
-    settings.pop("time_budget")
-    settings["version"] = version("metric-phase-fields")
-    digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
-    with cloud_path.open("rb") as file:
-        while block := file.read(2**20):
-            digest.update(block)
-    return digest.hexdigest()[:24]
+    with TemporaryDirectory(prefix="mpf-tiles-") as name:
+        yield Path(name)

@@ -19,10 +19,11 @@ from service.artifacts.base import Artifacts, StoreUnavailable
 from service.jobs.family import Families, cancelled_problem
 from service.jobs.index_store import Place
 from service.jobs.lease import Refused
-from service.jobs.model import EXTRACTION, TILE, Job, JobState, new_job_id
+from service.jobs.model import EXTRACTION, FIT, TILE, Job, JobState, new_job_id
 from service.jobs.queue import JobQueue, queue_for
 from service.jobs.store import Creation, created
 from service.jobs.tile_store import TileStore
+from service.jobs.tiles import require_few
 from service.problems import Problem
 from service.settings import Settings
 
@@ -164,6 +165,9 @@ class JobCommands:
         """A new job on the same input, with some options changed."""
         parent = self.get(caller, job_id)
         merged = _merged(parent, changes)
+        if parent.kind == FIT and parent.input is not None:
+            few = self._settings.tiles_per_job
+            require_few(parent.input.points, options_from(merged), few)
         job = Job(
             id=new_job_id(),
             state=JobState.QUEUED,

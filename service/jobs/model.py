@@ -180,10 +180,11 @@ class Job:
     def given_up(self) -> bool:
         """Whether it is not tried again once its worker is lost.
 
-        A tile that is to be kept as far as it has come is: without it there is nothing of the
-        others.
+        In tiles there is no surface so far without each of them and the join: what is to be kept
+        there is tried again.
         """
-        return bool(self.cancel) and not (self.kind == TILE and self.cancel == "keep")
+        in_parts = self.kind == TILE or self.split > 0
+        return bool(self.cancel) and not (in_parts and self.cancel == "keep")
 
     @property
     def ended(self) -> bool:

@@ -34,12 +34,14 @@ return {'ok', state, redis.call('HGET', KEYS[1], 'attempt'), cancel}
 """
 
 # KEYS: the job's record, its stream of events
-# ARGV: its id, the attempt that split it, progress (JSON), tiles (JSON), feed channel, events kept
+# ARGV: its id, the attempt that split it, progress (JSON), tiles (JSON), feed channel, events kept,
+#       ms between two events
 #
-# Many tell at once, and what one of them saw may be older than what another has told: the share
-# that is done never falls.
+# Many tell at once, and what one of them saw may be older than what another has told: neither the
+# share that is done nor the number of fitted tiles ever falls. The record is always written; those
+# who listen hear of it no more often than of any job.
 TELL = """
-local found = redis.call('HMGET', KEYS[1], 'state', 'attempt', 'lease', 'progress')
+local found = redis.call('HMGET', KEYS[1], 'state', 'attempt', 'lease', 'progress', 'tiles')
 if found[1] ~= 'running' or found[2] ~= ARGV[2] or found[3] ~= '' then return {'fenced'} end
 local told = cjson.decode(ARGV[3])
 if found[4] then
@@ -48,10 +50,23 @@ if found[4] then
     told['fraction'] = before['fraction']
   end
 end
+local tiles = ARGV[4]
+if found[5] then
+  local before = cjson.decode(found[5])
+  if before ~= cjson.null and before['done'] > cjson.decode(tiles)['done'] then
+    tiles = found[5]
+  end
+end
 local t = redis.call('TIME')
-local now = string.format('%d', t[1] * 1000 + math.floor(t[2] / 1000))
-redis.call('HSET', KEYS[1], 'progress', cjson.encode(told), 'tiles', ARGV[4], 'updated_at', now)
-told['tiles'] = cjson.decode(ARGV[4])
+local ms = t[1] * 1000 + math.floor(t[2] / 1000)
+redis.call('HSET', KEYS[1], 'progress', cjson.encode(told), 'tiles', tiles,
+           'updated_at', string.format('%d', ms))
+local last = redis.call('XREVRANGE', KEYS[2], '+', '-', 'COUNT', 1)[1]
+if last and last[2][2] == 'progress'
+    and ms - tonumber(string.match(last[1], '^%d+')) < tonumber(ARGV[7]) then
+  return {'ok'}
+end
+told['tiles'] = cjson.decode(tiles)
 redis.call('XADD', KEYS[2], 'MAXLEN', '~', ARGV[6], '*',
            'event', 'progress', 'data', cjson.encode(told))
 redis.call('PUBLISH', ARGV[5], ARGV[1] .. ' running')

@@ -56,10 +56,14 @@ class Family:
 
 
 class TileStore(JobStore):
-    """A store of jobs that knows which of them belong together."""
+    """A store of jobs that knows which of them belong together.
 
-    def __init__(self, redis: Redis, *, retention_seconds: float):
+    progress_seconds: shortest time between two events of what tiles tell of their job
+    """
+
+    def __init__(self, redis: Redis, *, retention_seconds: float, progress_seconds: float = 0.5):
         super().__init__(redis, retention_seconds=retention_seconds)
+        self._progress_ms = int(progress_seconds * 1000)
         self._split = redis.register_script(SPLIT)
         self._tell = redis.register_script(TELL)
 
@@ -103,7 +107,7 @@ class TileStore(JobStore):
         self._tell(
             keys=[record_key(job.id), stream_key(job.id)],
             args=[job.id, job.attempt, json.dumps(asdict(progress)), json.dumps(asdict(tiles)),
-                  FEED_CHANNEL, EVENTS_KEPT],
+                  FEED_CHANNEL, EVENTS_KEPT, self._progress_ms],
         )  # fmt: skip
 
     def families(self) -> list[str]:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import fmean
 
+from mpf_core.errors import OptionsError
+from mpf_core.options import Options
+from mpf_core.tiles.count import tile_count
 from service.jobs.model import JobProgress, JobState, Tiles
 from service.jobs.tile_store import Family, Sight
 
@@ -14,6 +17,24 @@ a job with one fit (mpf_core/watch.py)."""
 
 JOIN_SHARE = (1 - FIT_ENDS) / (FIT_ENDS - FIT_BEGINS)
 """Time to take the surface of a tile, of the time to fit it."""
+
+
+def require_few(points: int | None, options: Options, most: int) -> None:
+    """Raises OptionsError for a cloud that would be fitted in more than `most` tiles.
+
+    Each is a job beside the limits that hold for jobs. points: None if nobody has counted them
+    """
+    require_at_most(most, tile_count(points or 0, options))
+
+
+def require_at_most(most: int, tiles: int) -> None:
+    """The same once they are counted."""
+    if tiles > most:
+        raise OptionsError(
+            f"the cloud would be fitted in {tiles} tiles, more than {most}",
+            where="tile_points",
+            advice="Raise tile_points, or set tiles to off.",
+        )
 
 
 def counted(tiles: Sequence[Sight]) -> Tiles:

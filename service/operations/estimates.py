@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from statistics import fmean
 from threading import Lock
 
-from service.jobs.model import Job, JobState
+from mpf_core.errors import OptionsError
+from mpf_core.options import options_from
+from mpf_core.tiles.count import tile_count
+from service.jobs.model import FIT, Job, JobState
 from service.jobs.store import JobStore
 from service.operations.store import WorkerEntry, WorkerRegister
 from service.settings import QUEUES
@@ -103,8 +106,12 @@ class Estimates:
 def _will_be_split(job: Job) -> bool:
     """Whether its cloud takes many fits: how long other jobs took tells nothing of that."""
     points = job.input.points or 0 if job.input is not None else 0
-    large = points > int(job.options.get("tile_points") or points)
-    return large and not job.split and job.options.get("tiles") == "auto"
+    if job.kind != FIT or job.split:
+        return False
+    try:
+        return tile_count(points, options_from(job.options)) > 1
+    except OptionsError:  # a record of other software
+        return False
 
 
 def _left(job: Job, seen: Outlook, now: float) -> float:

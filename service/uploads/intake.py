@@ -10,6 +10,7 @@ from service.access.caller import Caller
 from service.artifacts.base import Artifacts
 from service.jobs.commands import JobCommands
 from service.jobs.model import Input, Job, JobState, new_job_id
+from service.jobs.tiles import require_few
 from service.settings import Settings
 from service.uploads.check import check_content
 from service.uploads.incoming import Resumable
@@ -53,17 +54,18 @@ class Intake:
     ) -> Job:
         stored = submission.stored
         try:
-            options = options_to_mapping(options_from(submission.options()))
+            chosen = options_from(submission.options())
             webhook = wish_from(submission.fields.get("webhook", ""))
             self._commands.require_room()
             points = check_content(stored, self._settings)
+            require_few(points, chosen, self._settings.tiles_per_job)
             job = Job(
                 id=new_job_id(),
                 state=JobState.QUEUED,
                 attempt=1,
                 owner=caller.owner,
                 label=submission.label(),
-                options=options,
+                options=options_to_mapping(chosen),
                 webhook=webhook.as_record() if webhook else None,
                 input=Input(stored.name, stored.header.format, stored.bytes, stored.sha256, points),
             )

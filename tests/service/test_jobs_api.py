@@ -70,6 +70,23 @@ def test_delete_removes_everything(client: TestClient, settings: Settings, redis
     assert client.get("/jobs").json() == {"jobs": [], "next": None}
 
 
+def test_a_job_may_have_so_many_tiles(settings: Settings) -> None:
+    few = settings.model_copy(update={"tiles_per_job": 1})
+    with TestClient(create_app(few), base_url="http://localhost") as client:
+        whole = client.post("/jobs", **form()).json()
+        again = f"/jobs/{whole['id']}/retry"
+        for answer in (
+            client.post("/jobs", **form(tile_points=100)),
+            client.post(again, json={"options": {"tile_points": 100}}),
+        ):
+            assert answer.status_code == 422, answer.text
+            assert (answer.json()["code"], answer.json()["where"]) == (
+                "options.invalid", "tile_points",
+            )  # fmt: skip
+        assert client.post("/jobs", **form(tile_points=100, tiles="off")).status_code == 202
+        assert client.post("/jobs", **form(tile_points=200)).status_code == 202
+
+
 def test_retry_uses_the_input_again_with_other_options(
     client: TestClient, settings: Settings
 ) -> None:

@@ -28,7 +28,7 @@ FILES = {"field.safetensors": Artifact(3, "0" * 64)}
 
 @pytest.fixture
 def store(redis: Redis) -> TileStore:
-    return TileStore(redis, retention_seconds=100.0)
+    return TileStore(redis, retention_seconds=100.0, progress_seconds=0.0)
 
 
 @pytest.fixture
@@ -194,10 +194,25 @@ def test_what_the_job_tells_never_falls(store: TileStore, redis: Redis) -> None:
     now = got(store, job_id)
     assert now.tiles == Tiles(3, 1, 1)
     assert now.progress == JobProgress("fit", 0.4, 1.0, eta=5.0)
+    # What was seen earlier is told later: no tile is unfitted by that.
+    store.tell(job, JobProgress("fit", 0.4, 1.0, eta=5.0), Tiles(3, 0, 2))
+    assert got(store, job_id).tiles == Tiles(3, 1, 1)
     # Of a job that does not wait any more nothing is told.
     store.ask_cancel(job_id, "discard", PROBLEM)
     store.tell(job, JobProgress("fit", 0.5, 1.0), Tiles(3))
     assert got(store, job_id).progress == now.progress
+
+
+def test_those_who_listen_hear_no_more_often_than_of_any_job(
+    store: TileStore, redis: Redis
+) -> None:
+    job_id, _ = split(store, redis)
+    job, rationed = got(store, job_id), TileStore(redis, retention_seconds=1, progress_seconds=60)
+    for done in range(3):
+        rationed.tell(job, JobProgress("fit", 0.2 + done / 10, 1.0), Tiles(3, done))
+    stream = [e[b"data"] for _, e in redis.xrange(f"mpf:job:{job_id}:events")]
+    assert sum(b"fit" in data for data in stream) == 1
+    assert got(store, job_id).tiles == Tiles(3, 2)  # the record knows all
 
 
 def test_a_job_that_is_to_be_kept_ends_its_tiles_and_joins_them(
@@ -263,6 +278,8 @@ def test_a_job_that_waits_for_its_tiles_holds_no_worker(store: TileStore, redis:
     assert estimates.eta(large, 0) is None
     whole = replace(large, options={"tiles": "off", "tile_points": 500})
     assert estimates.eta(whole, 0) == pytest.approx(20.0, abs=0.5)
+    paper = replace(large, options={"preset": "paper", "tile_points": 500})  # no warm start
+    assert estimates.eta(paper, 0) == pytest.approx(20.0, abs=0.5)
 
 
 def test_shares_and_times_come_from_the_tiles() -> None:

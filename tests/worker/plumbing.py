@@ -35,6 +35,9 @@ from worker import job_process, runners
 from worker.main import run_worker
 from worker.rq_worker import MpfWorker
 
+SAMPLES = 150
+"""Of each tile."""
+
 
 class PlumbingWorker(MpfWorker):
     job_module = "tests.worker.plumbing_job"
@@ -77,10 +80,12 @@ def split_runner(run: runners.Run) -> None:
     assert run.job.input is not None
     _, number, task = Path(run.job.input.name).stem.split("-")
     _part(run, "split", task)
-    (run.out / "plan.json").write_text(json.dumps({"task": task}))
+    tiles = []
     for index in range(int(number)):
-        told = {"index": index, "task": task}
-        (run.out / f"tile-{index:03}.safetensors").write_text(json.dumps(told))
+        told, name = {"index": index, "task": task}, f"tile-{index:03}.safetensors"
+        (run.out / name).write_text(json.dumps(told))
+        tiles.append({"file": name, "samples": SAMPLES})
+    (run.out / "plan.json").write_text(json.dumps({"task": task, "tiles": tiles}))
 
 
 def tile_runner(run: runners.Run) -> None:

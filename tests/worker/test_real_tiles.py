@@ -9,7 +9,7 @@ import pytest
 from redis import Redis
 from starlette.testclient import TestClient
 
-from mpf_core.tiles.run import HURRIED
+from mpf_core.tiles.child import HURRIED
 from service.app import create_app
 from service.jobs.model import TILE
 from service.jobs.tile_store import TileStore

@@ -15,6 +15,7 @@ from torch import Tensor
 from mpf_core import field as field_package
 from mpf_core.errors import Cancelled
 from mpf_core.field import MetricPhaseField, Order, fused, plain, pointwise
+from mpf_core.field.network import LARGEST_WEIGHT, LARGEST_WIDTH
 from mpf_core.field.siren import Siren
 from mpf_core.field.sweeps import GradientSweep
 from mpf_core.parallel import workers
@@ -42,6 +43,13 @@ def test_sines_and_cosines_are_off_by_less_than_a_millionth(largest: float) -> N
         s, c = sines(z)
         assert (s - z.double().sin()).abs().max() < 1e-6
         assert (c - z.double().cos()).abs().max() < 1e-6
+
+
+def test_whatever_is_read_from_a_file_gets_sines() -> None:
+    largest = (LARGEST_WIDTH + 1) * LARGEST_WEIGHT
+    generator = torch.Generator().manual_seed(0)
+    s, c = sines((torch.rand(4000, 64, generator=generator) * 2 - 1) * largest)
+    assert (s.double().square() + c.double().square() - 1).abs().max() < 1e-5
 
 
 def test_what_is_not_a_number_stays_none() -> None:
@@ -173,6 +181,19 @@ def test_what_one_process_compiles_the_next_finds(tmp_path: Path) -> None:
     assert len(kept) >= 2 * len(fused.OF_THETA)  # an index and the code of each
     compiled_in_a_process(tmp_path)
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nb*")} == kept
+
+
+def test_a_cache_that_a_power_cut_damaged_is_made_again(tmp_path: Path) -> None:
+    compiled_in_a_process(tmp_path)
+    damaged = [
+        *tmp_path.rglob("kernels.sine-*.nbi"),
+        *tmp_path.rglob("kernels.first_sine-*.nbc"),
+    ]
+    assert len(damaged) == 2
+    for path in damaged:
+        path.write_bytes(b"")
+    compiled_in_a_process(tmp_path)
+    assert all(path.stat().st_size > 0 for path in damaged)
 
 
 def test_a_cache_that_cannot_be_written_does_not_matter(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from mpf_core.cloud.reader import read_cloud
 from mpf_core.errors import TileFormat, TileVersion
 from mpf_core.options import options_from
 from mpf_core.tiles import join_files, read_plan, split_file, tile_count
+from mpf_core.tiles.join import tiles_report
 from mpf_core.tiles.patchfile import read_patches
 from mpf_core.tiles.plan import TILE_ENTRY, read_tile, tile_bytes
 from tests.mpf_core.tiles.scenes import ball, small
@@ -79,6 +81,7 @@ def test_damaged_tiles_are_refused(tmp_path: Path) -> None:
     bad = tensors["points"].copy()
     bad[0, 0] = np.nan
     telling = json.loads(about[TILE_ENTRY])
+    turned = telling["support"][::-1]
     for broken in (
         content[: len(content) // 2],
         b"no tile",
@@ -89,6 +92,8 @@ def test_damaged_tiles_are_refused(tmp_path: Path) -> None:
         save(tensors, metadata={}),
         save(tensors, metadata={TILE_ENTRY: json.dumps(telling | {"index": 2})}),
         save(tensors, metadata={TILE_ENTRY: json.dumps(telling | {"voxel": 0})}),
+        save(tensors, metadata={TILE_ENTRY: json.dumps(telling | {"spacing": 0})}),
+        save(tensors, metadata={TILE_ENTRY: json.dumps(telling | {"support": turned})}),
     ):
         path.write_bytes(broken)
         with pytest.raises(TileFormat):
@@ -128,6 +133,19 @@ def test_a_join_wants_the_field_of_every_tile(tmp_path: Path) -> None:
     scene = ball()
     with pytest.raises(TileFormat, match="1 fields of 2 tiles"):
         join_files(scene.plan_dir, scene.fields[:1], scene.cloud, tmp_path, small())
+
+
+@pytest.mark.parametrize(
+    "fit", [{"iterations": "many"}, {"iterations": True}, {"seconds": [1]}, {"seconds": -1}]
+)
+def test_a_report_that_does_not_count_is_refused(fit: dict[str, Any], tmp_path: Path) -> None:
+    scene = ball()
+    paths = [tmp_path / name / "field.safetensors" for name in ("0", "1")]
+    for path in paths:
+        path.parent.mkdir()
+        path.with_name("report.json").write_text(json.dumps({"fit": fit}))
+    with pytest.raises(TileFormat, match=next(iter(fit))):
+        tiles_report(scene.plan, scene.tiles, paths)
 
 
 def test_damaged_patches_are_refused(tmp_path: Path) -> None:

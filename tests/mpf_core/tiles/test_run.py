@@ -15,6 +15,7 @@ from mpf_core.field.blendfile import load_field
 from mpf_core.progress import Progress
 from mpf_core.results import reconstruct_file
 from mpf_core.reuse_cli import extract, slice_field
+from mpf_core.tiles.child import fit_tile_in_time
 from tests.mpf_core.clouds import sphere
 from tests.mpf_core.tiles.scenes import POOL, SMALL, ball, small, write_cloud
 
@@ -75,6 +76,56 @@ def test_a_wish_to_stop_leaves_a_surface_of_all_tiles(cloud: Path, tmp_path: Pat
     assert (first["stopped_by"], first["iterations"]) == ("cancel", 60)
     assert second["iterations"] <= 150
     assert report["surface"]["watertight"]
+
+
+def test_what_is_kept_stays_until_the_result_is_written(cloud: Path, tmp_path: Path) -> None:
+    options, told = small(**TINY), list[Progress]()
+    taken, kept = tmp_path / "taken", tmp_path / "checkpoint"
+    taken.touch()
+    with pytest.raises(FileExistsError):
+        reconstruct_file(cloud, taken, options, checkpoint=kept)
+    (run,) = tmp_path.glob("checkpoint.tiles/run-*")
+    (run / "plan.json").write_text("{")
+    anothers = run.with_name("notes.txt")
+    anothers.write_text("mine")
+    report = reconstruct_file(
+        cloud, tmp_path / "out", options, checkpoint=kept, progress=told.append
+    )
+    assert not [p for p in told if p.iteration is not None]  # both tiles were fitted
+    assert "plan" in report["fit"]["notes"][0]
+    assert (anothers.read_text(), run.exists()) == ("mine", False)
+
+
+def test_tiles_that_were_cut_short_serve_only_who_wants_that(cloud: Path, tmp_path: Path) -> None:
+    options, kept = small(**TINY | {"max_iterations": 160}), tmp_path / "checkpoint"
+    taken, told = tmp_path / "taken", list[Progress]()
+    taken.touch()
+
+    def enough() -> bool:
+        return any(p.iteration is not None for p in told)
+
+    with pytest.raises(FileExistsError):
+        reconstruct_file(cloud, taken, options, checkpoint=kept, progress=told.append, stop=enough)
+    told.clear()
+    report = reconstruct_file(
+        cloud, tmp_path / "out", options, checkpoint=kept, progress=told.append
+    )
+    assert [one["iterations"] for one in report["tiles"]["each"]] == [160, 160]
+
+
+def test_a_fit_that_has_begun_ends_with_what_it_has(tmp_path: Path) -> None:
+    tile, kept = ball().plan_dir / "tile-000.safetensors", tmp_path / "checkpoint"
+    options, told = small(**TINY | {"max_iterations": 400}), list[Progress]()
+    with pytest.raises(Cancelled):
+        fit_tile_in_time(
+            tile, tmp_path, options, checkpoint=kept, progress=told.append,
+            cancel=lambda: bool(told) and (told[-1].iteration or 0) >= 100,
+        )  # fmt: skip
+    report = fit_tile_in_time(tile, tmp_path, options, checkpoint=kept, stop=lambda: True)
+    fit = report["fit"]
+    assert (fit["resumed_from"], fit["planned_iterations"]) == (100, 400)
+    assert fit["stopped_by"] == "cancel"
+    assert fit["iterations"] < 150
 
 
 def test_the_commands_take_a_large_cloud_and_its_field(cloud: Path, tmp_path: Path) -> None:
