@@ -23,16 +23,18 @@ Faces = NDArray[np.int64]
 
 
 def separated(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
-    """The closed, oriented mesh with every edge of four triangles parted into two of two.
+    """The closed, oriented mesh with every edge of four triangles parted into two of two, and every
+    vertex in which two fans of triangles touch into two.
 
     Of the two ways to part them the flatter one is taken. Pairs of triangles on one another, facing
     apart, are left out. What cannot be parted so (a boundary, six triangles) stays.
     """
     faces = _without_flaps(faces)
     edges = _Edges.of(vertices, faces)
-    if not len(edges.four):
+    apart = _parted(vertices, faces, edges)
+    if not len(edges.four) and len(apart[0]) == len(np.unique(faces)):
         return vertices, faces
-    vertices, faces = _parted(vertices, faces, edges)
+    vertices, faces = apart
     for _ in range(ROUNDS):
         edges = _Edges.of(vertices, faces)
         if not len(edges.four):

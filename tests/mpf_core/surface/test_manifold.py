@@ -39,6 +39,13 @@ def test_what_is_manifold_is_returned_as_it_is() -> None:
     np.testing.assert_array_equal(faces, ball.faces)
 
 
+def test_two_solids_that_share_a_corner_are_parted() -> None:
+    vertices, faces = separated(*tetrahedra(sharing=1))
+    found = topology(Mesh(vertices, faces))
+    assert (found.nonmanifold_vertices, found.components) == (0, 2)
+    assert found.euler_characteristic == 4
+
+
 def test_two_solids_that_share_an_edge_are_parted() -> None:
     vertices, faces = tetrahedra(sharing=2)
     before = topology(Mesh(vertices, faces))
