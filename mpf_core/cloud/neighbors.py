@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mpf_core.cloud.angles import widest_gap
 from mpf_core.cloud.features import sharpened
 from mpf_core.cloud.layers import split
 from mpf_core.cloud.rods import find_rods
@@ -219,9 +220,4 @@ def _widest_gap(
         np.einsum("mki,mi->mk", offset, second), np.einsum("mki,mi->mk", offset, first)
     )
     used = np.arange(1, index.shape[1]) < most[:, None]
-    angle = np.where(used, angle, angle[:, :1])  # the nearest is used whenever any is
-    angle.sort(axis=1)
-    gap = np.diff(np.concatenate([angle, angle[:, :1] + 2 * np.pi], axis=1), axis=1)
-    widest = gap.argmax(1)
-    rows = np.arange(len(index))
-    return angle[rows, widest] + gap[rows, widest] / 2, gap[rows, widest]
+    return widest_gap(np.where(used, angle, angle[:, :1]))  # the nearest is used whenever any is

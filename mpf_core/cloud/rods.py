@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mpf_core.cloud.angles import widest_gap
+
 PATCH = 24  # neighbours that the cylinder is fitted to
 ROUND = 2.0  # radians of the circle that the patch must cover; less is a fold or a rounded edge
 # Of the radius: how far the patch scatters about the circle of a rod for sure, and beside such a
@@ -84,11 +86,10 @@ def _cylinders(patch: Array, normals: Array) -> tuple[Array, Array, Array]:
         weight = 1 / (1 + (off / LEFT) ** 2)
     holds = off < 2.5 * LEFT
     left = np.sqrt((off**2 * holds).sum(1) / np.maximum(holds.sum(1), 1))
-    angle = np.sort(np.where(holds, np.arctan2(out[..., 1], out[..., 0]), 10.0), axis=1)
-    angle = np.minimum(angle, angle[:, :1] + 2 * np.pi)
-    gaps = np.diff(np.concatenate([angle, angle[:, :1] + 2 * np.pi], axis=1), axis=1)
-    fits = (holds.mean(1) > HELD) & holds[:, 0]
-    fits &= 2 * np.pi - gaps.max(1) > ROUND
+    angle = np.arctan2(out[..., 1], out[..., 0])
+    # A patch whose first point is not held fits nothing anyway.
+    _, gap = widest_gap(np.where(holds, angle, angle[:, :1]))
+    fits = (holds.mean(1) > HELD) & holds[:, 0] & (2 * np.pi - gap > ROUND)
     own = -middle / (np.linalg.norm(middle, axis=1, keepdims=True) + 1e-12)
     second = np.cross(axis, first)
     return own[:, :1] * first + own[:, 1:] * second, radius, np.where(fits, left, np.inf)

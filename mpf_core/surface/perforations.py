@@ -15,7 +15,9 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from mpf_core.cloud.angles import widest_gap
 from mpf_core.cloud.neighbors import OPEN_ANGLE, nearest, principal_axes
+from mpf_core.surface.cut import boundary_loops, pieces, used
 
 # What makes a tunnel's saddles: radians that the angles at a vertex exceed 2π by (4π in all), and
 # spacings between them. Narrow tunnels first, which wide groups would take together.
@@ -40,12 +42,13 @@ def without_perforations(
 
     `samples` has the cloud's, `spacing` apart.
     """
-    closed = 0
+    closed, angles = 0, _angles(vertices, faces)
     for excess, together in PASSES:
-        saddles = vertices[_angles(vertices, faces) > 2 * np.pi + excess]
+        saddles = vertices[angles > 2 * np.pi + excess]
         tunnels = _tunnels(saddles, samples, together * spacing)
         vertices, faces, count = _capped(vertices, faces, tunnels, spacing)
-        closed += count
+        if count:
+            closed, angles = closed + count, _angles(vertices, faces)
     return vertices, faces, closed
 
 
@@ -79,10 +82,10 @@ def _capped(
             caps.append(np.stack([loop, np.roll(loop, -1), hub], axis=1))
     if not caps:
         return vertices, faces, 0
+    vertices = np.concatenate([vertices, np.stack(middles)])
     kept = np.concatenate([faces[~removed], *caps])
-    used, renamed = np.unique(kept, return_inverse=True)
-    vertices = np.concatenate([vertices, np.stack(middles)])[used]
-    return vertices, renamed.reshape(-1, 3).astype(np.int64), len(caps) // 2
+    vertices, faces, _ = used(vertices, kept, np.arange(len(vertices)))
+    return vertices, faces, len(caps) // 2
 
 
 def _tunnels(saddles: Array, samples: cKDTree, together: float) -> list[tuple[Array, float]]:
@@ -120,8 +123,7 @@ def _is_sheet(points: Array, samples: cKDTree) -> Mask:
     flat = np.sqrt(np.maximum(values[:, 0], 0)) < FLAT * np.sqrt(np.maximum(values[:, 1], 1e-300))
     offset = patch - points[:, None]
     first, second = ((offset @ axes[:, :, k][..., None])[..., 0] for k in (2, 1))
-    angle = np.sort(np.arctan2(second, first), axis=1)
-    gap = np.diff(np.concatenate([angle, angle[:, :1] + 2 * np.pi], axis=1), axis=1).max(1)
+    _, gap = widest_gap(np.arctan2(second, first))
     near = distance[:, 0] < LEFT_OUT * distance[:, -1]
     return np.asarray(flat & near & (gap < OPEN_ANGLE))
 
@@ -138,47 +140,23 @@ def _touching(faces: Indices, vertices: int) -> sparse.csr_array:
 def _ring(
     faces: Indices, touching: sparse.csr_array, within: Indices
 ) -> tuple[Indices, list[Indices]] | None:
-    """The triangles whose corners are all `within`, and their two boundary loops, if they make a
-    ring: connected, no loop touching itself, Euler characteristic 0, or less for many tunnels."""
+    """The triangles whose corners are all `within`, and their two boundary loops, as caps run round
+    them, if they make a ring: connected, no loop touching itself or the other, Euler characteristic
+    0, or less for many tunnels."""
     near = np.unique(touching[within].indices).astype(np.int64)
     inside = near[np.isin(faces[near], within).all(1)]
     if not len(inside):
         return None
     corners = faces[inside]
-    loops = _loops(corners)
-    if loops is None or len(loops) != 2:
+    # What runs round a hole of the ring is the ring's own turned about.
+    loops = [loop[::-1] for loop in boundary_loops(corners)]
+    ends = np.concatenate([*loops, []])
+    if len(loops) != 2 or len(np.unique(ends)) != len(ends):
         return None
-    edges = (3 * len(corners) + len(loops[0]) + len(loops[1])) // 2
-    used, local = np.unique(corners, return_inverse=True)
-    if len(used) - edges + len(corners) > 0:
+    names, local = np.unique(corners, return_inverse=True)
+    edges = (3 * len(corners) + len(ends)) // 2
+    if len(names) - edges + len(corners) > 0:
         return None
-    local = local.reshape(-1, 3)
-    pairs = np.concatenate([local[:, [0, 1]], local[:, [1, 2]]])
-    graph = sparse.coo_array((np.ones(len(pairs)), pairs.T), shape=(len(used),) * 2)
-    if connected_components(graph, directed=False)[0] != 1:
+    if pieces(local.reshape(-1, 3), len(names))[0] != 1:
         return None
     return inside, loops
-
-
-def _loops(faces: Indices) -> list[Indices] | None:
-    """The boundary of triangles (n, 3) as loops that caps follow, the way the triangles themselves
-    go round; None where it touches itself."""
-    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    edges = set(zip(tail.tolist(), head.tolist(), strict=True))
-    following: dict[int, int] = {}
-    for a, b in edges:
-        if (b, a) not in edges:
-            if a in following:
-                return None
-            following[a] = b
-    loops = []
-    while following:
-        begin, here = following.popitem()
-        loop = [begin]
-        while here != begin:
-            if here not in following:
-                return None
-            loop.append(here)
-            here = following.pop(here)
-        loops.append(np.array(loop))
-    return loops
