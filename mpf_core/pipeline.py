@@ -42,7 +42,7 @@ from mpf_core.parallel import workers
 from mpf_core.preview import Previews, coarse_mesh
 from mpf_core.progress import CancelCheck, Clock, ProgressCallback
 from mpf_core.quality.intersections import self_intersections
-from mpf_core.quality.report import input_report, run_report, surface_report
+from mpf_core.quality.report import finished_report, frame_report, input_report, run_report
 from mpf_core.surface.edit import edited
 from mpf_core.surface.extraction import extract_mesh
 from mpf_core.surface.fidelity import onto_data
@@ -161,20 +161,16 @@ def _reconstructed(
     watch.enter("report")
     report = {
         **run_report(options),
-        "input": {
-            **input_report(cloud.notes, prepared.report),
-            "noise": similarity.length_to_input(known.noise),
-            "denoised": known.denoised,
-        },
-        "frame": {"center": similarity.center.tolist(), "scale": similarity.scale},
+        "input": input_report(
+            cloud.notes,
+            prepared.report,
+            noise=similarity.length_to_input(known.noise),
+            denoised=known.denoised,
+        ),
+        "frame": frame_report(similarity),
         "fit": fit_report(neighbours, start, log, previews),
         "extraction": taken.report,
-        "surface": {
-            **surface_report(final.mesh, cloud.points),
-            "fidelity": fidelity,
-            "double_cover": final.double_cover,
-            **final.edits,
-        },
+        "surface": finished_report(final, cloud.points, fidelity),
     }
     watch.enter("done")
     report["timings"] = dict(watch.seconds)

@@ -18,7 +18,7 @@ from mpf_core.options import SurfaceOptions
 from mpf_core.outputs import write_report, write_stack
 from mpf_core.parallel import workers
 from mpf_core.progress import CancelCheck, Clock, ProgressCallback
-from mpf_core.quality.report import surface_report, versions_report
+from mpf_core.quality.report import frame_report, surface_report, versions_report
 from mpf_core.surface.edit import edited
 from mpf_core.surface.export import write_glb, write_ply
 from mpf_core.surface.extraction import Extraction, extract_mesh
@@ -134,10 +134,7 @@ def report_of(
     report: dict[str, Any] = {
         "options": extraction_to_mapping(options),
         **versions_report(),
-        "frame": {
-            "center": fitted.similarity.center.tolist(),
-            "scale": fitted.similarity.scale,
-        },
+        "frame": frame_report(fitted.similarity),
     }
     if taken is not None:
         kept = fitted.similarity.to_input(fitted.footprint.points)

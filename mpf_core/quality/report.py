@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mpf_core.cloud.normalize import Similarity
 from mpf_core.cloud.prepare import PreparationReport
 from mpf_core.options import Options, options_to_mapping
 from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.metrics import points_to_surface
 from mpf_core.quality.topology import topology
+from mpf_core.surface.edit import Edited
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import enclosed_volume, face_areas
 
@@ -40,8 +42,28 @@ def surface_report(mesh: Mesh, points: NDArray[np.float64]) -> dict[str, Any]:
     }
 
 
-def input_report(notes: tuple[str, ...], preparation: PreparationReport) -> dict[str, Any]:
-    """The reader's notes and every step of the preparation; lengths in the input's units."""
+def finished_report(
+    final: Edited, points: NDArray[np.float64], fidelity: dict[str, Any]
+) -> dict[str, Any]:
+    """`surface_report`, and what the last step and the edits after it have done."""
+    return {
+        **surface_report(final.mesh, points),
+        "fidelity": fidelity,
+        "double_cover": final.double_cover,
+        **final.edits,
+    }
+
+
+def frame_report(similarity: Similarity) -> dict[str, Any]:
+    """How the input's frame became the normalised one."""
+    return {"center": similarity.center.tolist(), "scale": similarity.scale}
+
+
+def input_report(
+    notes: tuple[str, ...], preparation: PreparationReport, *, noise: float, denoised: bool
+) -> dict[str, Any]:
+    """The reader's notes, every step of the preparation, and the noise that was found and perhaps
+    taken off; lengths in the input's units."""
     density = preparation.density
     return {
         "points": preparation.received,
@@ -52,6 +74,8 @@ def input_report(notes: tuple[str, ...], preparation: PreparationReport) -> dict
         "notes": [*notes, *preparation.steps],
         "spacing": density.spacing if density else None,
         "density": density.as_dict() if density else None,
+        "noise": noise,
+        "denoised": denoised,
     }
 
 

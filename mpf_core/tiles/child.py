@@ -28,7 +28,7 @@ from mpf_core.outputs import write_report
 from mpf_core.parallel import workers
 from mpf_core.pipeline import fit_report
 from mpf_core.progress import CancelCheck, Clock, Progress, ProgressCallback
-from mpf_core.quality.report import run_report
+from mpf_core.quality.report import frame_report, run_report
 from mpf_core.surface.fidelity import sheets_of
 from mpf_core.surface.patches import patches_of
 from mpf_core.surface.resolution import shell_of
@@ -155,7 +155,7 @@ def _fitted(
     return {
         **run_report(options),
         "tile": {"index": tile.index, "tiles": tile.tiles, "samples": len(samples)},
-        "frame": {"center": tile.similarity.center.tolist(), "scale": tile.similarity.scale},
+        "frame": frame_report(tile.similarity),
         "fit": fit_report(neighbours, start, log),
     }
 

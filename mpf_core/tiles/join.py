@@ -28,10 +28,11 @@ from mpf_core.outputs import write_result
 from mpf_core.parallel import workers
 from mpf_core.pipeline import PADDING
 from mpf_core.progress import CancelCheck, Clock, ProgressCallback
-from mpf_core.quality.report import run_report, surface_report
+from mpf_core.quality.report import finished_report, frame_report, run_report
 from mpf_core.surface.edit import edited
 from mpf_core.surface.extraction import extract_mesh
 from mpf_core.surface.mesh import Mesh
+from mpf_core.tiles.child import REPORT
 from mpf_core.tiles.lay import onto_patches
 from mpf_core.tiles.plan import Plan, as_tile_errors, read_plan
 from mpf_core.tiles.split import prepared
@@ -101,15 +102,10 @@ def joined(
         report = {
             **run_report(options),
             "input": plan.report.get("input"),
-            "frame": {"center": plan.similarity.center.tolist(), "scale": plan.similarity.scale},
+            "frame": frame_report(plan.similarity),
             **tiles_report(plan, fields, field_paths),
             "extraction": taken.report,
-            "surface": {
-                **surface_report(final.mesh, cloud.points),
-                "fidelity": fidelity,
-                "double_cover": final.double_cover,
-                **final.edits,
-            },
+            "surface": finished_report(final, cloud.points, fidelity),
         }
         watch.enter("done")
         report["timings"] = dict(watch.seconds)
@@ -179,7 +175,7 @@ def tiles_report(
 def _fit_beside(path: Path) -> dict[str, Any]:
     """What the tile's own report tells of its fit; nothing where there is none."""
     try:
-        told = json.loads(path.with_name("report.json").read_bytes())["fit"]
+        told = json.loads(path.with_name(REPORT).read_bytes())["fit"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return {}
     return _judged(told) if isinstance(told, dict) else {}

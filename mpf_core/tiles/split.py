@@ -81,11 +81,12 @@ def split_file(
             tile = whole.tile(index, len(places), place)
             write_atomically(out / tile_name(index), tile_bytes(tile))
     report = {
-        "input": {
-            **input_report(cloud.notes, preparation),
-            "noise": similarity.length_to_input(known.noise),
-            "denoised": known.denoised,
-        },
+        "input": input_report(
+            cloud.notes,
+            preparation,
+            noise=similarity.length_to_input(known.noise),
+            denoised=known.denoised,
+        ),
         "enclosed_regions": start.space.enclosures,
         "enclosing_share": round(start.seeded, 4),
     }
