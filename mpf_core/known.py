@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +37,7 @@ def known_of(
 ) -> Known:
     """From samples (n, 3) in [-1, 1]³; `begin` makes the classical start, `initialize` if not
     given."""
-    if begin is None:
-
-        def begin(neighbours: Neighborhoods) -> Initialization:
-            return initialize(neighbours, threads=threads)
-
+    begin = begin or partial(initialize, threads=threads)
     remove = options.fit.denoise != "off"
     cleaned = denoise(samples, remove=remove, seed=options.seed, threads=threads)
     neighbours = analyse(cleaned.thinned, threads=threads)

@@ -20,8 +20,6 @@ SPLIT = "split"
 JOIN = "join"
 """The last part of such a fit: one surface from the fields of its tiles."""
 
-FIELD = "field.safetensors"
-
 
 @dataclass(frozen=True)
 class Gathered:
@@ -138,6 +136,7 @@ def fit_tile(run: Run) -> None:
 def join(run: Run) -> None:
     """Fields of tiles in, surface out."""
     from mpf_core.tiles import join_files
+    from mpf_core.tiles.child import FIELD
 
     assert run.gathered is not None
     join_files(

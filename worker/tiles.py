@@ -10,6 +10,7 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
+from mpf_core.tiles.count import FIT_BEGINS, FIT_ENDS
 from service.artifacts.base import Artifacts, Published
 from service.connection import UNREACHABLE
 from service.jobs.family import Families, cancelled_problem
@@ -17,7 +18,7 @@ from service.jobs.lease import Changed, Lease, Refused
 from service.jobs.model import TILE, Artifact, Input, Job, JobState, new_job_id
 from service.jobs.queue import JobQueue, queue_for
 from service.jobs.tile_store import TileStore
-from service.jobs.tiles import FIT_BEGINS, FIT_ENDS, require_at_most
+from service.jobs.tiles import require_at_most
 from service.settings import Settings
 from worker.report import WHOLE, Part
 from worker.runners import JOIN, SPLIT, Gathered

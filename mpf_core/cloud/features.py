@@ -12,9 +12,20 @@ whole patch lies on one side: a face at an edge is such a plane, a chord of a ro
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+
+class Face(NamedTuple):
+    """What makes a plane a face: the share of the patch that it holds, and how many times the
+    votes of the patch's own plane it must have."""
+
+    share: float
+    gain: float
+
 
 PATCH = 24  # neighbours that vote
 CANDIDATES = 8  # of them, evenly over the patch, whose normals are tried
@@ -28,9 +39,9 @@ CLOSE = 0.07  # of the local spacing: within it a neighbour is on the plane
 GAIN = 2.0  # times the votes of the patch's own plane
 # A plane that holds this share of the patch, and from which most of the rest falls steeply away, by
 # so many widths, is a face for sure and needs to be less better.
-FACE = (0.28, 1.4)
+FACE = Face(0.28, 1.4)
 # In a cloud without noise, a quarter of whose patches are flatter than CLEAN, less will do.
-CLEAN, CLEAN_FACE = 0.04, (0.18, 1.15)
+CLEAN, CLEAN_FACE = 0.04, Face(0.18, 1.15)
 STEEP = 7.0
 CHUNK = 8192
 
@@ -51,27 +62,27 @@ def sharpened(
 
     points, normals: (n, 3); spacing, flatness: (n,); fixed: (n,) those to leave alone.
     """
-    rows = np.flatnonzero((flatness > BENT) & ~fixed)
-    rows = rows[np.argsort(flatness[rows] > BROKEN, kind="stable")]
-    bent = int((flatness[rows] <= BROKEN).sum())  # so many first ones need no planes through pairs
     normals = normals.copy()
-    if len(rows) == 0 or len(points) <= PATCH:
+    asked = np.flatnonzero((flatness > BENT) & ~fixed)
+    if len(asked) == 0 or len(points) <= PATCH:
         return normals
     face = CLEAN_FACE if np.quantile(flatness, 0.25) < CLEAN else FACE
-    index = np.empty((len(rows), PATCH), dtype=np.int64)
-    for k in range(0, len(rows), CHUNK):
-        found = tree.query(points[rows[k : k + CHUNK]], PATCH + 1, workers=threads)[1]
-        index[k : k + CHUNK] = np.asarray(found)[:, 1:]
+    broken = flatness[asked] > BROKEN  # the others need no planes through pairs
+    parts = [
+        (rows[k : k + CHUNK], pairs)
+        for rows, pairs in ((asked[~broken], False), (asked[broken], True))
+        for k in range(0, len(rows), CHUNK)
+    ]
+    around = [
+        np.asarray(tree.query(points[rows], PATCH + 1, workers=threads)[1])[:, 1:]
+        for rows, _ in parts
+    ]
     for _ in range(ROUNDS):
         # All from the normals before the round, so that the order of samples does not matter.
         before = normals.copy()
-        for low, high in ((0, bent), (bent, len(rows))):
-            for k in range(low, high, CHUNK):
-                part = slice(k, min(k + CHUNK, high))
-                width = CLOSE * spacing[rows[part]]
-                normals[rows[part]] = _voted(
-                    points, before, rows[part], index[part], width, face, pairs=k >= bent
-                )
+        for (rows, pairs), index in zip(parts, around, strict=True):
+            width = CLOSE * spacing[rows]
+            normals[rows] = _voted(points, before, rows, index, width, face, pairs=pairs)
     return normals
 
 
@@ -81,7 +92,7 @@ def _voted(
     rows: NDArray[np.int64],
     index: NDArray[np.int64],
     width: Array,
-    face: tuple[float, float],
+    face: Face,
     *,
     pairs: bool,
 ) -> Array:
@@ -91,7 +102,7 @@ def _voted(
     votes, total = _votes(candidates, offset)
     if pairs:
         through = _through_pairs(offset[:, :NEAREST])
-        more_votes, more = _votes(through, offset, one_sided=face[0])
+        more_votes, more = _votes(through, offset, one_sided=face.share)
         candidates = np.concatenate([candidates, through], axis=1)
         votes, total = (np.concatenate(p, axis=1) for p in ((votes, more_votes), (total, more)))
     best = total.argmax(1)
@@ -99,7 +110,7 @@ def _voted(
     most, chosen = total[each, best], candidates[each, best]
     height = np.abs((offset @ chosen[..., None])[..., 0])
     steep = (height > OFF).sum(1) < 1.5 * (height > STEEP).sum(1)
-    gain = np.where(steep & (most > face[0] * PATCH), face[1], GAIN)
+    gain = np.where(steep & (most > face.share * PATCH), face.gain, GAIN)
     better = most > gain * total[:, 0]
     found = normals[rows].copy()
     take = np.flatnonzero(better)

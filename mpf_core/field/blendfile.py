@@ -148,9 +148,11 @@ def _is_blend(path: Path) -> bool:
 def _read(file: Any) -> BlendedField:
     about = described(file, ENTRY, VERSION)
     told = about.get("tiles")
-    if not isinstance(told, list) or not 1 <= len(told) <= MOST_TILES:
-        raise wrong("it does not tell its tiles")
-    if not all(isinstance(one, dict) for one in told):
+    if (
+        not isinstance(told, list)
+        or not 1 <= len(told) <= MOST_TILES
+        or not all(isinstance(one, dict) for one in told)
+    ):
         raise wrong("it does not tell its tiles")
     partition = partition_in(about, len(told))
     similarity, box, lengths = frame_in(about), box_in(about), lengths_in(about)

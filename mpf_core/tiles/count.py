@@ -1,8 +1,13 @@
-"""Into how many tiles a cloud is split; free of torch, so that a service can ask."""
+"""Into how many tiles a cloud is split, and how far that is; free of torch, so that a service can
+ask."""
 
 from __future__ import annotations
 
 from mpf_core.options import MOST_TILES, Options
+
+# Shares of the whole that are done when its tiles are made, and when they are fitted: those of a
+# cloud with one fit (`watch`).
+FIT_BEGINS, FIT_ENDS = 0.08, 0.85
 
 
 def tile_count(points: int, options: Options) -> int:

@@ -12,6 +12,7 @@ from mpf_core.errors import TileError
 from mpf_core.options import Options
 from mpf_core.progress import Progress
 from mpf_core.tiles.child import FIELD, fit_tile_in_time
+from mpf_core.tiles.count import FIT_BEGINS, FIT_ENDS
 from mpf_core.tiles.join import BEGINS as JOINING
 from mpf_core.tiles.join import TiledReconstruction, joined
 from mpf_core.tiles.kept import is_fitted, kept_beside
@@ -19,8 +20,6 @@ from mpf_core.tiles.plan import PLAN, Plan, read_plan
 from mpf_core.tiles.split import split_file
 from mpf_core.watch import Watch
 
-# Shares of the whole that are done when tiles begin and when they are joined.
-SPLIT, FITTED = 0.08, 0.85
 # Stages that callers do not know, as those that they do.
 STAGE = {"split": "initialize", "fidelity": "extract", "done": "report"}
 
@@ -42,7 +41,7 @@ def reconstruct_tiled(
         watch.enter("fit")
         fields = [_fitted(folder, plan, index, options, watch) for index in range(plan.tiles)]
         watch.enter("extract")
-        told = _Part(watch, FITTED, 1.0).told(None)
+        told = _Part(watch, FIT_ENDS, 1.0).told(None)
         inner = Watch(watch.clock, told, watch.cancel, begins=JOINING)
         result = joined(folder, fields, cloud_path, options, inner)
     watch.enter("done")
@@ -85,7 +84,7 @@ def _plan(cloud_path: Path, folder: Path, options: Options, watch: Watch, notes:
             return read_plan(folder)
         except (TileError, FileNotFoundError) as error:  # the same cloud gives the same tiles again
             notes.append(f"The kept plan could not be read, and was made again: {error}")
-    told = _Part(watch, watch.begins["prepare"], SPLIT).told(None)
+    told = _Part(watch, watch.begins["prepare"], FIT_BEGINS).told(None)
     return split_file(
         cloud_path, folder, options, progress=told, cancel=watch.cancel, clock=watch.clock
     )
@@ -98,8 +97,8 @@ def _fitted(folder: Path, plan: Plan, index: int, options: Options, watch: Watch
     if is_fitted(out, options, anyhow=hurry):
         return out / FIELD
     out.mkdir(exist_ok=True)
-    step = (FITTED - SPLIT) / plan.tiles
-    part = _Part(watch, SPLIT + index * step, SPLIT + (index + 1) * step)
+    step = (FIT_ENDS - FIT_BEGINS) / plan.tiles
+    part = _Part(watch, FIT_BEGINS + index * step, FIT_BEGINS + (index + 1) * step)
     fit_tile_in_time(
         folder / plan.files[index],
         out,

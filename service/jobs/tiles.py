@@ -7,13 +7,9 @@ from statistics import fmean
 
 from mpf_core.errors import OptionsError
 from mpf_core.options import Options
-from mpf_core.tiles.count import tile_count
+from mpf_core.tiles.count import FIT_BEGINS, FIT_ENDS, tile_count
 from service.jobs.model import JobProgress, JobState, Tiles
 from service.jobs.tile_store import Family, Sight
-
-FIT_BEGINS, FIT_ENDS = 0.08, 0.85
-"""Shares of the whole job that are done when its tiles are made, and when they are fitted: those of
-a job with one fit (mpf_core/watch.py)."""
 
 JOIN_SHARE = (1 - FIT_ENDS) / (FIT_ENDS - FIT_BEGINS)
 """Time to take the surface of a tile, of the time to fit it."""
