@@ -112,8 +112,8 @@ class FitOptions:
     )
     precision: str = option(
         "auto",
-        "Of the hidden layers' products while fitting; auto takes bfloat16 where the processor has "
-        "instructions for it, which makes a step cost half as much.",
+        "Of the hidden layers' products while fitting; auto takes bfloat16 where it is faster "
+        "on this processor, where a step then costs half as much.",
         choices=("auto", "float32", "bfloat16"),
     )
     optimizer: str = option(
