@@ -130,9 +130,10 @@ class FitOptions:
         high=1.0,
     )
     terms_rate: float = option(
-        0.5,
+        0.3,
         "Factor on the rates from where the paper's terms join on: at full rates they lead the "
-        "second wall of a shell away before they have formed it.",
+        "second wall of a shell away before they have formed it, and the more steps there are the "
+        "longer they pull at it.",
         low=0.01,
         high=1.0,
     )
@@ -146,6 +147,14 @@ class FitOptions:
         "its iterations; at 0 it runs to its end and the last one is kept.",
         low=0.0,
         high=1.0,
+    )
+    averaging: float = option(
+        0.99,
+        "Of the mean of the parameters that is delivered, the share kept in each step since the "
+        "paper's terms stand alone: it is off the surface by a tenth less than the last state; at "
+        "0 that is delivered.",
+        low=0.0,
+        high=0.9999,
     )
     align_from: float = option(
         0.3, "Share of the iterations after which the align term is on.", low=0.0, high=1.0
@@ -329,6 +338,7 @@ PRESETS: dict[str, Options] = {
             optimizer="adam",
             schedule="constant",
             patience=0.0,
+            averaging=0.0,
             learning_rate=5e-5,
             gradient_clip=1.4e-3,
             weight_phase=0.002,

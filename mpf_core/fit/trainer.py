@@ -20,6 +20,7 @@ from mpf_core.field import MetricPhaseField
 from mpf_core.field.pointwise import prepare, why_plain
 from mpf_core.field.precision import products_in
 from mpf_core.field.sweeps import forget_buffers
+from mpf_core.fit.averaging import Averaging
 from mpf_core.fit.checkpoint import State, fingerprint, read_state, write_state
 from mpf_core.fit.objective import Objective, Stage
 from mpf_core.fit.optimizers import Optimizer
@@ -160,6 +161,7 @@ class Trainer:
         self.iteration, self.planned, self.settled = 0, options.max_iterations, False
         self.slowdown, self.seconds_before, self.points = 1.0, 0.0, 0
         self.best: tuple[float, int, dict[str, Tensor]] | None = None
+        self.averaging = Averaging(self.field, options.averaging)
 
     def run(self, control: Control) -> None:
         """Step until something ends the fit; leaves the best state in `field`."""
@@ -201,6 +203,8 @@ class Trainer:
             terms = self.objective.backward(stage)
             self.optimizer.step(rate)
         self.iteration += 1
+        if self.options.averaging and self._alone:
+            self.averaging.add()
         self.points += self.objective.points(stage)
         return terms, stage
 
@@ -211,6 +215,7 @@ class Trainer:
         tensors["generator"] = self.generator.get_state()
         if self.best is not None:
             tensors |= {f"best.{k}": v for k, v in self.best[2].items()}
+        tensors |= {f"mean.{k}": v.clone() for k, v in self.averaging.mean.items()}
         facts = {
             "iteration": self.iteration,
             "planned": self.planned,
@@ -218,6 +223,7 @@ class Trainer:
             "slowdown": self.slowdown,
             "retries": self.log.retries,
             "seconds": self.seconds_before,
+            "averaged": self.averaging.steps,
             "best": None if self.best is None else self.best[:2],
         }
         return State(tensors, facts, [asdict(entry) for entry in self.log.history])
@@ -237,6 +243,7 @@ class Trainer:
         self.settled, self.slowdown = facts["settled"], facts["slowdown"]
         self.log.retries, self.seconds_before = facts["retries"], facts["seconds"]
         self.best = None if facts["best"] is None else (*facts["best"], part("best"))
+        self.averaging.restore(part("mean"), facts["averaged"])
         self.log.history = [StepReport(**entry) for entry in state.history]
 
     def _plan(self, costs: Costs, elapsed: float, available: float) -> None:
@@ -343,12 +350,18 @@ class Trainer:
 
     def _judge(self) -> None:
         """Keep the state if it is the best since the paper's terms stand alone."""
-        if not self.options.patience or self.iteration < self.options.warm_fraction * self.planned:
+        if not self.options.patience or not self._alone:
             return
-        value = self.objective.examined(self.examination)
-        if self.best is None or value < self.best[0]:
-            copied = {k: v.clone() for k, v in self.field.state_dict().items()}
-            self.best = value, self.iteration, copied
+        with self.averaging.shown() as state:
+            value = self.objective.examined(self.examination)
+            if self.best is None or value < self.best[0]:
+                copied = {k: v.clone() for k, v in state.items()}
+                self.best = value, self.iteration, copied
+
+    @property
+    def _alone(self) -> bool:
+        """Whether the paper's terms stand alone."""
+        return self.iteration >= self.options.warm_fraction * self.planned
 
     def _resume(self, path: Path | None) -> None:
         if path is None:
@@ -381,3 +394,5 @@ class Trainer:
         if self.best is not None:
             self.field.load_state_dict(self.best[2])
             log.kept = self.best[1]
+        elif self.averaging.mean:
+            self.field.load_state_dict(self.averaging.mean)
