@@ -24,6 +24,7 @@ ADDITIONS: dict[str, dict[str, Any]] = {
     "λ normal of the paper": {"weight_normal": 0.15},
     "ω₀ = 30": {"omega": 30.0},
     "last state, not the best": {"patience": 0.0},
+    "no mean of states": {"averaging": 0.0},
     "φ = r·P, no residual": {"composite": "product"},
 }
 # The paper's Table 4, a mean over shapes that it does not name.
