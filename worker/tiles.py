@@ -47,6 +47,14 @@ class TileWork:
         self._lease = lease
         self._settings = settings
         self._families = Families(store, queue, artifacts)
+        self._made: dict[str, str] = {}
+        """Ids of the tiles of this attempt by the names of their files."""
+
+    def begin(self, work: str) -> None:
+        """Let those who watch the attempt know what it does."""
+        if work == SPLIT:
+            with suppress(Refused):  # the attempt finds that out by itself
+                self._store.splits(self._lease)
 
     def part(self, job: Job, work: str) -> Part:
         """Which part of its job the attempt is."""
