@@ -179,6 +179,24 @@ def test_a_tile_that_fails_fails_the_job_and_ends_the_others(
     assert store.counts()["failed cloud.collinear"] == 1
 
 
+def test_who_asks_by_http_leaves_files_to_those_who_look_later(
+    store: TileStore, redis: Redis, families: Families, settings: Settings
+) -> None:
+    job_id, tiles = split(store, redis)
+    folders = [settings.data_dir / "jobs" / tile_id for tile_id in tiles]
+    for folder in folders:
+        folder.mkdir()
+    store.start(Lease(tiles[0], 1, "b"))
+    store.ask_cancel(job_id, "discard", PROBLEM)
+    families.look(job_id, files=False)
+    assert not any(store.get(tile_id) for tile_id in tiles)
+    assert store.heed(Lease(tiles[0], 1, "b")) == (False, "")
+    assert all(folder.is_dir() for folder in folders)
+    families.look_at_all()
+    assert not any(folder.exists() for folder in folders)
+    assert store.families() == []
+
+
 def test_what_the_job_tells_never_falls(store: TileStore, redis: Redis) -> None:
     job_id, _ = split(store, redis)
     job = got(store, job_id)
