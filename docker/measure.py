@@ -26,6 +26,21 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 PACKAGES = "python3,python3-venv,python3-pip,ca-certificates"
 MEGABYTE = 1e6
 
+FIT = """
+from pathlib import Path
+import numpy as np
+from mpf_core.options import options_from
+from mpf_core.results import reconstruct_file
+points = np.random.default_rng(0).normal(size=(2000, 3))
+cloud = Path("/tmp/sphere.xyz")
+np.savetxt(cloud, points / np.linalg.norm(points, axis=1, keepdims=True))
+small = {"preset": "draft", "max_iterations": 300, "resolution": 32, "time_budget": 900.0}
+report = reconstruct_file(cloud, Path("/tmp/sphere"), options_from(small))
+assert report["fit"]["loops"] == "fused", report["fit"]
+assert report["surface"]["watertight"], report["surface"]
+"""
+"""A surface of a sphere, by the packages as they are in the image."""
+
 
 def steps() -> dict[str, str]:
     """The shell commands of the Dockerfile's marked steps by name."""
@@ -72,7 +87,8 @@ def run(root: Path, name: str, command: str) -> None:
         "PIP_ROOT_USER_ACTION": "ignore",
         "PIP_DISABLE_PIP_VERSION_CHECK": "1",
         "PYTHONDONTWRITEBYTECODE": "1",
-    } | {key: value for key, value in os.environ.items() if key.startswith(("PIP_", "NPM_"))
+    } | {key: value for key, value in os.environ.items()
+         if key.startswith(("PIP_", "NPM_", "NODE_"))
          or key.lower() in ("http_proxy", "https_proxy", "no_proxy")}  # fmt: skip
     where = "/src" if name == "wheel" else "/"
     subprocess.run(
@@ -125,10 +141,14 @@ def measure(root: Path) -> dict[str, float]:
         sizes["system"] = system
         sizes["packages of the API"] = size(root / "opt/mpf")
         check(root, "import service.app, sys; assert 'torch' not in sys.modules")
+        # Where git is not, its list of what to ignore is not either.
+        check(root, "import service.web as w; from pathlib import Path; "
+                    "assert not (Path(w.__path__[0]) / 'node_modules').exists()")  # fmt: skip
         check(root, "import importlib.util as u; assert u.find_spec('torch') is None")
         run(root, "worker-packages", found["worker-packages"])
         sizes["packages of the worker"] = size(root / "opt/mpf")
-        check(root, "import mpf_core.results, worker.main")
+        check(root, "import worker.main, sys; assert 'torch' not in sys.modules")
+        check(root, FIT)
     return sizes
 
 

@@ -80,7 +80,7 @@ def build_state(settings: Settings) -> State:
         receiver=Receiver(artifacts, settings),
         resumable=resumable,
         intake=Intake(commands, artifacts, resumable, settings),
-        estimates=Estimates(store, WorkerRegister(redis)),
+        estimates=Estimates(store, WorkerRegister(redis), settings),
         health=Health(redis, artifacts),
         metrics=Metrics(store, WorkerRegister(redis), artifacts),
         keys=KeyStore(redis),

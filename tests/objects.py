@@ -1,7 +1,9 @@
-"""Real object stores for tests: two implementations of S3, each a process on loopback."""
+"""Real object stores for tests: two implementations of S3 and one of Azure's, each a process on
+loopback."""
 
 from __future__ import annotations
 
+import os
 import secrets
 import socket
 import subprocess
@@ -26,6 +28,9 @@ KEY, SECRET = "mpf-test-key", "mpf-test-secret"
 class ObjectStore:
     """One server; `stop` and `start` again find the same objects in rclone's, none in moto's."""
 
+    scheme = "s3"
+    secret = SECRET
+
     def __init__(self, kind: str, folder: Path, host: str = "127.0.0.1", port: int = 0):
         self.kind = kind
         self.folder = folder
@@ -44,7 +49,9 @@ class ObjectStore:
 
     def start(self) -> None:
         quiet = subprocess.DEVNULL
-        self._process = subprocess.Popen(self.command(), stdout=quiet, stderr=quiet)
+        self._process = subprocess.Popen(
+            self.command(), stdout=quiet, stderr=quiet, env=os.environ | self.own_environment()
+        )
         wait_for(self.answers, 30, f"the {self.kind} store")
 
     def answers(self) -> bool:
@@ -58,13 +65,22 @@ class ObjectStore:
             self._process.kill()
             self._process.wait()
 
+    def own_environment(self) -> dict[str, str]:
+        """What the server wants to find."""
+        return {}
+
     def environment(self) -> dict[str, str]:
+        """What the service wants to find."""
         return {
             "AWS_ACCESS_KEY_ID": KEY,
             "AWS_SECRET_ACCESS_KEY": SECRET,
             "AWS_REGION": "us-east-1",
             "AWS_ENDPOINT_URL": self.url,
         }
+
+    def away(self) -> dict[str, str]:
+        """Of that, what names a place where no server is."""
+        return {"AWS_ENDPOINT_URL": "http://127.0.0.1:9"}
 
     def client(self) -> Any:
         return boto3.client(
@@ -112,7 +128,7 @@ class Place:
     def __init__(self, store: ObjectStore, server: Server, folder: Path, **changes: Any):
         self.store = store
         self.bucket = store.new_bucket()
-        url = f"s3://{self.bucket}/some/prefix"
+        url = f"{store.scheme}://{self.bucket}/some/prefix"
         self.settings: Settings = settings_for(server, folder, store_url=url, **changes)
 
     def objects(self) -> set[str]:
@@ -125,7 +141,10 @@ class Place:
         return {key.removeprefix(start) for key in self.objects() if key.startswith(start)}
 
 
-@pytest.fixture(params=["moto", pytest.param("rclone", marks=pytest.mark.slow)])
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("rclone", "azurite")]
+
+
+@pytest.fixture(params=["moto", *SLOW])
 def place(
     request: pytest.FixtureRequest,
     shared_server: Server,

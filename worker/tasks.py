@@ -120,6 +120,7 @@ class Attempt:
         inherit = job.tries < self._settings.max_attempts
         given = self._patiently(lambda: self._artifacts.input(job_id, attempt))
         work = work_of(job, given)
+        self._patiently(lambda: self._tiles.begin(work))
         self._reporter = Reporter(
             self._store, self._lease, self._settings, self._tiles.part(job, work)
         )

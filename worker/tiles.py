@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from mpf_core.tiles.count import FIT_BEGINS, FIT_ENDS
-from service.artifacts.base import Artifacts, Published
+from service.artifacts.base import Artifacts, Published, StoreUnavailable
 from service.connection import UNREACHABLE
 from service.jobs.family import Families, cancelled_problem
 from service.jobs.lease import Changed, Lease, Refused
@@ -47,6 +47,14 @@ class TileWork:
         self._lease = lease
         self._settings = settings
         self._families = Families(store, queue, artifacts)
+        self._made: dict[str, str] = {}
+        """Ids of the tiles of this attempt by the names of their files."""
+
+    def begin(self, work: str) -> None:
+        """Let those who watch the attempt know what it does."""
+        if work == SPLIT:
+            with suppress(Refused):  # the attempt finds that out by itself
+                self._store.splits(self._lease)
 
     def part(self, job: Job, work: str) -> Part:
         """Which part of its job the attempt is."""
@@ -71,13 +79,16 @@ class TileWork:
     def made(
         self, job: Job, files: Mapping[str, Artifact], samples: Mapping[str, int]
     ) -> list[Job]:
-        """A job for each tile of what the split has published, with its file as input."""
+        """A job for each tile of what the split has published, with its file as input.
+
+        Called again after StoreUnavailable it makes the same ones.
+        """
         return [self._tile(job, name, files[name], samples[name]) for name in sorted(samples)]
 
     def _tile(self, job: Job, name: str, about: Artifact, samples: int) -> Job:
         given = Input(name, "safetensors", about.bytes, about.sha256, samples)
         tile = Job(
-            id=new_job_id(),
+            id=self._made.setdefault(name, new_job_id()),
             state=JobState.QUEUED,
             attempt=1,
             kind=TILE,
@@ -127,6 +138,14 @@ class TileWork:
         """This attempt is over: see to what follows for others."""
         with suppress(Refused):
             try:
+                self._forget_unborn()
                 self._families.look(job.parent if job.kind == TILE else job.id)
             except UNREACHABLE as error:
                 log.warning("job %s: what follows is left to the reaper: %s", job.id, error)
+
+    def _forget_unborn(self) -> None:
+        """Remove the files of tiles that did not become jobs: another attempt makes its own."""
+        with suppress(StoreUnavailable):  # else they are removed by age
+            for tile_id in self._made.values():
+                if self._store.get(tile_id) is None:
+                    self._artifacts.remove(tile_id)

@@ -13,8 +13,11 @@ from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
+from mpf_core.errors import FieldError, TileError
+from mpf_core.field.artefact import load_field
 from mpf_core.options import Options, options_to_mapping
-from mpf_core.tiles.child import REPORT
+from mpf_core.tiles.child import FIELD, REPORT
+from mpf_core.tiles.patchfile import PATCHES, read_patches
 
 RUN = re.compile(r"run-[0-9a-f]{24}")
 
@@ -44,13 +47,21 @@ def forget_kept(checkpoint: Path) -> None:
 
 
 def is_fitted(out: Path, options: Options, *, anyhow: bool) -> bool:
-    """Whether the tile of the folder `out` is fitted: to its end, or `anyhow`."""
+    """Whether the tile of the folder `out` is fitted: to its end, or `anyhow`.
+
+    One whose files cannot be read is not, so that a damaged file costs one fit and no more.
+    """
     try:
         told = json.loads((out / REPORT).read_bytes())
         hurried = told["options"]["max_iterations"] < options.fit.max_iterations
-        return anyhow or not (hurried or told["fit"]["stopped_by"] == "cancel")
-    except (FileNotFoundError, ValueError, KeyError, TypeError):
+        if not anyhow and (hurried or told["fit"]["stopped_by"] == "cancel"):
+            return False
+        load_field(out / FIELD)
+        if options.data.fidelity != "off":
+            read_patches(out / PATCHES)
+    except (FileNotFoundError, ValueError, KeyError, TypeError, FieldError, TileError):
         return False
+    return True
 
 
 def _base(checkpoint: Path) -> Path:

@@ -16,7 +16,7 @@ from mpf_core.tiles.count import FIT_BEGINS, FIT_ENDS
 from mpf_core.tiles.join import BEGINS as JOINING
 from mpf_core.tiles.join import TiledReconstruction, joined
 from mpf_core.tiles.kept import is_fitted, kept_beside
-from mpf_core.tiles.plan import PLAN, Plan, read_plan
+from mpf_core.tiles.plan import PLAN, Plan, read_plan, read_tile
 from mpf_core.tiles.split import split_file
 from mpf_core.watch import Watch
 
@@ -81,9 +81,13 @@ def _plan(cloud_path: Path, folder: Path, options: Options, watch: Watch, notes:
     watch.enter("prepare")
     if (folder / PLAN).is_file():
         try:
-            return read_plan(folder)
+            plan = read_plan(folder)
+            for index, name in enumerate(plan.files):
+                if not is_fitted(folder / str(index), options, anyhow=False):
+                    read_tile(folder / name)
+            return plan
         except (TileError, FileNotFoundError) as error:  # the same cloud gives the same tiles again
-            notes.append(f"The kept plan could not be read, and was made again: {error}")
+            notes.append(f"Kept plan or tiles cannot be read, and are made again: {error}")
     told = _Part(watch, watch.begins["prepare"], FIT_BEGINS).told(None)
     return split_file(
         cloud_path, folder, options, progress=told, cancel=watch.cancel, clock=watch.clock

@@ -1,7 +1,8 @@
 """One place in an object store: S3, GCS, Azure, by URL. Keys are relative to it.
 
 Credentials and endpoints are read from the variables that every tool of that store reads
-(`AWS_ACCESS_KEY_ID`, `AWS_ENDPOINT_URL`, `GOOGLE_APPLICATION_CREDENTIALS`, `AZURE_…`).
+(`AWS_ACCESS_KEY_ID`, `AWS_ENDPOINT_URL`, `GOOGLE_APPLICATION_CREDENTIALS`, `GOOGLE_BASE_URL`,
+`AZURE_STORAGE_ACCOUNT_NAME`, `AZURE_STORAGE_ENDPOINT`).
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from service.settings import Settings
 
 PIECE_BYTES = 8 * 2**20
 """Read by one request: an interruption costs no more, and no request lasts long."""
+
+_ENDPOINTS = ("AWS_ENDPOINT_URL", "AZURE_STORAGE_ENDPOINT", "GOOGLE_BASE_URL")
 
 # A store that is away is told of within half a minute; whoever can wait longer asks again.
 _CLIENT: dict[str, Any] = {"timeout": "60s", "connect_timeout": "5s"}
@@ -158,17 +161,18 @@ def bucket_at(settings: Settings) -> Bucket:
         if not settings.store_link_seconds or settings.store_url.startswith("memory:"):
             return Bucket(store)
         endpoint = settings.store_link_endpoint
-        return Bucket(store, _opened(settings.store_url, endpoint=endpoint) if endpoint else store)
+        return Bucket(store, _opened(settings.store_url, endpoint) if endpoint else store)
     except (BaseError, ValueError) as error:
         raise NoSuchStore(f"MPF_STORE_URL: {error}") from error
 
 
-def _opened(url: str, **config: Any) -> Any:
-    given: Any = config or None
+def _opened(url: str, endpoint: str = "") -> Any:
+    name = "base_url" if url.startswith("gs:") else "endpoint"
+    config: Any = {name: endpoint} if endpoint else None
     client: Any = dict(_CLIENT)
-    if url.startswith("s3:") and os.environ.get("AWS_ENDPOINT_URL", "").startswith("http://"):
+    if any(os.environ.get(name, "").startswith("http://") for name in _ENDPOINTS):
         client["allow_http"] = True  # whoever writes http:// means it
-    return from_url(url, config=given, client_options=client, retry_config=_RETRY)
+    return from_url(url, config=config, client_options=client, retry_config=_RETRY)
 
 
 def _entry(about: Any) -> Entry:

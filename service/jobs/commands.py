@@ -140,7 +140,7 @@ class JobCommands:
                 self._queue.withdraw(job_id, changed.attempt)
                 with suppress(StoreUnavailable):  # they go with the job
                     self._artifacts.forget_checkpoints(job_id)
-        self._families.look(job_id)  # its tiles, should it have any
+        self._families.look(job_id, files=False)  # its tiles, should it have any
         return self.get(caller, job_id)
 
     def delete(self, caller: Caller, job_id: str) -> None:
@@ -150,7 +150,7 @@ class JobCommands:
             raise not_found(job_id)
         self._store.remove(job)
         self._queue.withdraw(job.id, job.attempt)
-        self._families.look(job.id)
+        self._families.look(job.id, files=False)
         with suppress(StoreUnavailable):  # files without a record are removed later, by age
             self._artifacts.remove(job.id)
 

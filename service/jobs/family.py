@@ -36,17 +36,23 @@ class Families:
         for job_id in self._store.families():
             self.look(job_id)
 
-    def look(self, job_id: str) -> None:
-        """Join when all are fitted, end when one came to nothing, remove what nobody needs."""
+    def look(self, job_id: str, *, files: bool = True) -> None:
+        """Join when all are fitted, end when one came to nothing, remove what nobody needs.
+
+        files: also those of the tiles; without that they are left to a later look, for they are
+        many, and an object store is slow
+        """
         family = self._store.family(job_id)
         if not family.tiles:
             return
         job = family.job
         if job is None or job.ended:
-            self._remove_tiles(job_id, job, family)
+            self._remove_tiles(family)
+            if files:
+                self._remove_files(job_id, job, family)
         elif job.in_tiles:
             with suppress(Refused):  # another look was first
-                self._look_at_waiting(job, family)
+                self._look_at_waiting(job, family, files)
 
     def tell(self, job_id: str) -> None:
         """Have the job say how far its tiles are."""
@@ -54,14 +60,14 @@ class Families:
         if family.job is not None and family.job.in_tiles:
             self._store.tell(family.job, progress_of(family), counted(family.tiles))
 
-    def _look_at_waiting(self, job: Job, family: Family) -> None:
+    def _look_at_waiting(self, job: Job, family: Family, files: bool) -> None:
         tiles = counted(family.tiles)
         ended = _end_of(job, family.tiles, self._store)
         if ended is not None:
             state, problem = ended
             self._store.give_up(job, state, problem)
             log.info("job %s: %s with one of its tiles", job.id, state)
-            self.look(job.id)
+            self.look(job.id, files=files)
         elif tiles.done == tiles.total:
             changed = self._store.join(job, tiles)
             log.info("job %s: its %d tiles are fitted", job.id, tiles.total)
@@ -79,13 +85,15 @@ class Families:
                 with suppress(Refused):  # it has ended
                     self._store.keep(tile.id)
 
-    def _remove_tiles(self, job_id: str, job: Job | None, family: Family) -> None:
+    def _remove_tiles(self, family: Family) -> None:
         """The job has ended: a tile that still runs loses its lease, and its process is killed."""
         for tile in family.tiles:
             found = self._store.get(tile.id)
             if found is not None:
                 self._store.remove(found)
                 self._queue.withdraw(found.id, found.attempt)
+
+    def _remove_files(self, job_id: str, job: Job | None, family: Family) -> None:
         # Files that stay behind are those of nobody, and removed by age.
         with suppress(StoreUnavailable):
             for tile in family.tiles:

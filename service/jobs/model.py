@@ -129,6 +129,8 @@ class Job:
     """The attempt that split its cloud, whose files are the tiles; 0: none has. The next attempt
     joins their fields."""
     tiles: Tiles | None = None
+    splitting: bool = False
+    """Whether a worker has begun to split its cloud."""
     queue: str = ""
     """Where it waits, by the weight of its work."""
     owner: str = ""
@@ -181,9 +183,9 @@ class Job:
         """Whether it is not tried again once its worker is lost.
 
         In tiles there is no surface so far without each of them and the join: what is to be kept
-        there is tried again.
+        there is tried again, and takes its time.
         """
-        in_parts = self.kind == TILE or self.split > 0
+        in_parts = self.kind == TILE or self.splitting or self.split > 0
         return bool(self.cancel) and not (in_parts and self.cancel == "keep")
 
     @property
@@ -199,6 +201,7 @@ def new_job_id() -> str:
 
 _JSON_FIELDS = {
     "options", "webhook", "input", "progress", "preview", "problem", "artifacts", "tiles",
+    "splitting",
 }  # fmt: skip
 _INT_FIELDS = {
     "attempt", "split", "result_attempt", "beats", "created_at", "updated_at", "queued_at",

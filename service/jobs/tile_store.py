@@ -67,6 +67,13 @@ class TileStore(JobStore):
         self._split = redis.register_script(SPLIT)
         self._tell = redis.register_script(TELL)
 
+    def splits(self, lease: Lease) -> None:
+        """Note that the running job is being split. Raises Refused."""
+        self._apply(
+            lease.job_id, None, expect={"lease": lease.token()}, fields={"splitting": True},
+            allowed=frozenset({JobState.RUNNING}),
+        )  # fmt: skip
+
     def split(self, lease: Lease, tiles: Sequence[Job]) -> Changed:
         """Let the running job wait for these tiles, which are queued from now on.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import ceil
 from statistics import fmean
 
 from mpf_core.errors import OptionsError
@@ -11,8 +12,9 @@ from mpf_core.tiles.count import FIT_BEGINS, FIT_ENDS, tile_count
 from service.jobs.model import JobProgress, JobState, Tiles
 from service.jobs.tile_store import Family, Sight
 
+SPLIT_SHARE = FIT_BEGINS / (FIT_ENDS - FIT_BEGINS)
 JOIN_SHARE = (1 - FIT_ENDS) / (FIT_ENDS - FIT_BEGINS)
-"""Time to take the surface of a tile, of the time to fit it."""
+"""Time to make a tile, and to take its surface, of the time to fit it."""
 
 
 def require_few(points: int | None, options: Options, most: int) -> None:
@@ -31,6 +33,11 @@ def require_at_most(most: int, tiles: int) -> None:
             where="tile_points",
             advice="Raise tile_points, or set tiles to off.",
         )
+
+
+def seconds_of(tiles: int, pace: float, at_once: int) -> float:
+    """That a job of so many tiles takes; pace: seconds of one of them, at_once: fitted together."""
+    return ceil(tiles / at_once) * pace + tiles * pace * (SPLIT_SHARE + JOIN_SHARE)
 
 
 def counted(tiles: Sequence[Sight]) -> Tiles:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 from threading import Lock
 
 from mpf_core.errors import OptionsError
 from mpf_core.options import options_from
 from mpf_core.tiles.count import tile_count
-from service.jobs.model import FIT, Job, JobState
+from service.jobs.model import FIT, TILE, Job, JobState
+from service.jobs.queue import queue_for
 from service.jobs.store import JobStore
+from service.jobs.tiles import seconds_of
 from service.operations.store import WorkerEntry, WorkerRegister
-from service.settings import QUEUES
+from service.settings import QUEUES, Settings
 
 LOOK_SECONDS = 3.0
 """How old the figures may be that answers go by: thousands may ask at the same time."""
@@ -36,17 +38,28 @@ class Outlook:
         known = [worker.seconds[queue] for worker in self.workers if queue in worker.seconds]
         return fmean(known) if known else None
 
-    def seconds_to_end(self, queue: str, position: int) -> float | None:
+    def workers_of(self, queue: str) -> list[WorkerEntry]:
+        """Those that take jobs from it."""
+        return [worker for worker in self.workers if queue in worker.queues]
+
+    def seconds_in_tiles(self, tiles: int, queue: str) -> float | None:
+        """What a job of so many tiles takes, which will wait in `queue`; None: who knows."""
+        pace, workers = self.pace(queue), self.workers_of(queue)
+        return seconds_of(tiles, pace, len(workers)) if pace is not None and workers else None
+
+    def seconds_to_end(self, queue: str, position: int, takes: float | None = None) -> float | None:
         """Until a job is done that has `position` others before it in `queue`; None: who knows.
 
         Workers of the queue share all that is before it: what runs on them, what waits in queues
         that go first, and the others of its own. That is an estimate, not a promise: those of
         queues that go first may still come.
+        takes: seconds of the job itself, where they are not those of others in its queue
         """
-        pace = self.pace(queue)
-        workers = [worker for worker in self.workers if queue in worker.queues]
-        if pace is None or not workers:
+        pace, workers = self.pace(queue), self.workers_of(queue)
+        takes = pace if takes is None else takes
+        if takes is None or not workers or (pace is None and position):
             return None
+        pace = pace or 0.0
         queues = {name for worker in workers for name in worker.queues}
         running = [left for name in queues for left in self.left.get(name, ())]
         before = position * pace
@@ -54,8 +67,8 @@ class Outlook:
             if first in queues:
                 before += self.waiting.get(first, 0) * (self.pace(first) or pace)
         if len(running) + position < len(workers) and before == position * pace:
-            return pace  # one of them is free
-        return (before + sum(running)) / len(workers) + pace
+            return takes  # one of them is free
+        return (before + sum(running)) / len(workers) + takes
 
 
 class Estimates:
@@ -65,10 +78,12 @@ class Estimates:
         self,
         store: JobStore,
         register: WorkerRegister,
+        settings: Settings,
         clock: Callable[[], float] = time.monotonic,
     ):
         self._store = store
         self._register = register
+        self._settings = settings
         self._clock = clock
         self._lock = Lock()
         self._looked_at = float("-inf")
@@ -98,20 +113,31 @@ class Estimates:
         """Seconds until the job is done, as far as it can be told without asking again."""
         if job.state is JobState.RUNNING:
             return job.progress.eta if job.progress else self._outlook.pace(job.queue)
-        if position is None or job.queue not in QUEUES or _will_be_split(job):
+        if position is None or job.queue not in QUEUES:
             return None
-        return self._outlook.seconds_to_end(job.queue, position)
+        tiles = _tiles_to_come(job)
+        if tiles == 1:
+            return self._outlook.seconds_to_end(job.queue, position)
+        takes = self._outlook.seconds_in_tiles(tiles, self._queue_of_tiles(job, tiles))
+        if takes is None:
+            return None
+        return self._outlook.seconds_to_end(job.queue, position, takes)
+
+    def _queue_of_tiles(self, job: Job, tiles: int) -> str:
+        assert job.input is not None
+        each = replace(job.input, points=(job.input.points or 0) // tiles)
+        return queue_for(TILE, job.options, each, self._settings)
 
 
-def _will_be_split(job: Job) -> bool:
-    """Whether its cloud takes many fits: how long other jobs took tells nothing of that."""
+def _tiles_to_come(job: Job) -> int:
+    """Into how many tiles its cloud will be split; 1: it will not be."""
     points = job.input.points or 0 if job.input is not None else 0
     if job.kind != FIT or job.split:
-        return False
+        return 1
     try:
-        return tile_count(points, options_from(job.options)) > 1
+        return tile_count(points, options_from(job.options))
     except OptionsError:  # a record of other software
-        return False
+        return 1
 
 
 def _left(job: Job, seen: Outlook, now: float) -> float:

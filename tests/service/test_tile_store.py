@@ -16,10 +16,18 @@ from service.jobs.model import TILE, Artifact, Input, Job, JobProgress, JobState
 from service.jobs.queue import JobQueue, entry_id
 from service.jobs.store import Creation
 from service.jobs.tile_store import FAMILIES_KEY, Family, Sight, TileStore, tiles_key
-from service.jobs.tiles import FIT_BEGINS, FIT_ENDS, JOIN_SHARE, counted, progress_of, seconds_left
+from service.jobs.tiles import (
+    FIT_BEGINS,
+    FIT_ENDS,
+    JOIN_SHARE,
+    SPLIT_SHARE,
+    counted,
+    progress_of,
+    seconds_left,
+)
 from service.operations.estimates import Estimates
 from service.operations.store import WorkerEntry, WorkerRegister
-from service.settings import FIT_SMALL, Settings
+from service.settings import FIT_LARGE, FIT_SMALL, Settings
 from worker.settle import settle
 
 PROBLEM = {"code": "cloud.collinear", "title": "t", "detail": "d", "status": 422}
@@ -179,6 +187,24 @@ def test_a_tile_that_fails_fails_the_job_and_ends_the_others(
     assert store.counts()["failed cloud.collinear"] == 1
 
 
+def test_who_asks_by_http_leaves_files_to_those_who_look_later(
+    store: TileStore, redis: Redis, families: Families, settings: Settings
+) -> None:
+    job_id, tiles = split(store, redis)
+    folders = [settings.data_dir / "jobs" / tile_id for tile_id in tiles]
+    for folder in folders:
+        folder.mkdir()
+    store.start(Lease(tiles[0], 1, "b"))
+    store.ask_cancel(job_id, "discard", PROBLEM)
+    families.look(job_id, files=False)
+    assert not any(store.get(tile_id) for tile_id in tiles)
+    assert store.heed(Lease(tiles[0], 1, "b")) == (False, "")
+    assert all(folder.is_dir() for folder in folders)
+    families.look_at_all()
+    assert not any(folder.exists() for folder in folders)
+    assert store.families() == []
+
+
 def test_what_the_job_tells_never_falls(store: TileStore, redis: Redis) -> None:
     job_id, _ = split(store, redis)
     job = got(store, job_id)
@@ -256,30 +282,53 @@ def test_a_lost_record_of_a_tile_is_no_reason_to_wait_for_ever(
     assert (got(store, job_id).problem or {})["code"] == "job.crashed"
 
 
-def test_a_job_that_waits_for_its_tiles_holds_no_worker(store: TileStore, redis: Redis) -> None:
+def test_a_job_that_waits_for_its_tiles_holds_no_worker(
+    store: TileStore, redis: Redis, settings: Settings
+) -> None:
     register = WorkerRegister(redis)
     register.sign("w", WorkerEntry((FIT_SMALL,), 1, 0, {FIT_SMALL: 10.0}))
     _, (tile_id,) = split(store, redis, 1)
     other = Job(id=new_job_id(), state=JobState.QUEUED, attempt=1, queue=FIT_SMALL)
-    estimates = Estimates(store, register)
+    estimates = Estimates(store, register, settings)
     estimates.refresh()
     # Behind the tile, which waits: two fits.
     assert estimates.eta(other, 1) == pytest.approx(20.0)
     store.start(Lease(tile_id, 1, "b"))
-    estimates = Estimates(store, register)
+    estimates = Estimates(store, register, settings)
     estimates.refresh()
     assert estimates.eta(other, 0) == pytest.approx(20.0, abs=0.5)
-    # How long a cloud takes that is to be split is not told by fits of others.
+    # A cloud that is to be split takes as long as its tiles, their making and their joining.
     large = replace(
         other,
         options={"tiles": "auto", "tile_points": 500},
         input=Input("a.xyz", "xyz", 1, "0" * 64, points=501),
     )
-    assert estimates.eta(large, 0) is None
+    each = 10.0 * (1 + SPLIT_SHARE + JOIN_SHARE)
+    assert estimates.eta(large, 0) == pytest.approx(10.0 + 2 * each, abs=0.5)
+    assert estimates.eta(replace(large, queue=FIT_LARGE), 0) is None  # no worker takes that
     whole = replace(large, options={"tiles": "off", "tile_points": 500})
     assert estimates.eta(whole, 0) == pytest.approx(20.0, abs=0.5)
     paper = replace(large, options={"preset": "paper", "tile_points": 500})  # no warm start
     assert estimates.eta(paper, 0) == pytest.approx(20.0, abs=0.5)
+
+
+def test_tiles_wait_in_a_queue_of_their_own_weight(
+    store: TileStore, redis: Redis, settings: Settings
+) -> None:
+    register = WorkerRegister(redis)
+    queues = (FIT_SMALL, FIT_LARGE)
+    for name in "ab":
+        register.sign(name, WorkerEntry(queues, 1, 0, {FIT_SMALL: 10.0}))
+    job = Job(
+        id=new_job_id(), state=JobState.QUEUED, attempt=1, queue=FIT_LARGE,
+        options={"tile_points": 400_000}, input=Input("a.ply", "ply", 1, "0" * 64, 1_200_000),
+    )  # fmt: skip
+    estimates = Estimates(store, register, settings)
+    estimates.refresh()
+    # Three tiles on two workers, and nobody knows how long what goes before it takes.
+    seconds = 2 * 10.0 + 3 * 10.0 * (SPLIT_SHARE + JOIN_SHARE)
+    assert estimates.eta(job, 0) == pytest.approx(seconds)
+    assert estimates.eta(job, 1) is None
 
 
 def test_shares_and_times_come_from_the_tiles() -> None:

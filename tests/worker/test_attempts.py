@@ -11,15 +11,19 @@ from redis import Redis
 from starlette.testclient import TestClient
 
 from service.app import create_app
+from service.artifacts.bucket import bucket_at
+from service.artifacts.object_store import ObjectArtifacts
 from service.connection import connect
 from service.jobs.lease import Lease
 from service.jobs.model import Job, JobState
+from service.jobs.queue import JobQueue
 from service.jobs.tile_store import TileStore
 from service.settings import FIT_LARGE, FIT_SMALL, Settings
 from tests.services import Server, form, settings_for
 from tests.worker import plumbing
 from worker import runners
 from worker.tasks import Attempt
+from worker.tiles import TileWork
 
 AWAY_SECONDS = 1.5
 
@@ -126,6 +130,45 @@ def test_scratch_is_gone_before_others_are_seen_to(
     bench.attempt(tiles[1]).run()
     assert bench.job(tiles[1]).state is JobState.FAILED
     assert seen == []
+
+
+def test_a_split_that_came_to_nothing_leaves_no_files(bench: Bench) -> None:
+    job_id = bench.submit("tiled-2-ok.xyz")
+    attempt = bench.attempt(job_id)
+    job = attempt._start()
+    outcome = attempt._outcome(job)
+    folders = bench.settings.data_dir / "jobs"
+    assert len(list(folders.iterdir())) == 3
+    bench.store.reap(bench.job(job_id))
+    attempt._finish(outcome)
+    attempt._tiles.ended(job)
+    assert [path.name for path in folders.iterdir()] == [job_id]
+    # One that is believed lost only because the answer was has made tiles, and they stay.
+    attempt = bench.attempt(job_id)
+    outcome = attempt._outcome(attempt._start())
+    outcome()
+    attempt._finish(outcome)
+    attempt._tiles.ended(job)
+    tiles = {tile.id for tile in bench.store.family(job_id).tiles}
+    assert {path.name for path in folders.iterdir()} == {job_id, *tiles}
+
+
+def test_tiles_that_a_store_took_half_of_are_not_copied_twice(bench: Bench, tmp_path: Path) -> None:
+    bucket = bucket_at(bench.settings.model_copy(update={"store_url": "memory:///"}))
+    artifacts = ObjectArtifacts(bucket, tmp_path / "scratch")
+    artifacts.prepare()
+    job = bench.job(bench.submit("tiled-2-ok.xyz"))
+    out = artifacts.work(job.id, 1)
+    samples = {f"tile-{n}.safetensors": plumbing.SAMPLES for n in range(2)}
+    for name in samples:
+        (out / name).write_bytes(b"tile")
+    files = artifacts.publish(job.id, 1)
+    queue, lease = JobQueue(bench.redis, job_seconds=10), Lease(job.id, 1, "bench")
+    work = TileWork(bench.store, queue, artifacts, lease, bench.settings)
+    first, second = (work.made(job, files, samples) for _ in range(2))
+    assert first == second
+    assert set(artifacts.job_ids()) == {job.id, *(tile.id for tile in first)}
+    artifacts.discard_work(job.id, 1)
 
 
 def test_a_join_that_cannot_wait_is_tried_as_often_as_any_other_part(

@@ -162,6 +162,18 @@ def test_a_surface_so_far_is_that_of_all_tiles(
     assert fields == [f"tile {n}, kept" for n in range(2)]
 
 
+def test_a_split_that_is_to_be_kept_takes_its_time(client: TestClient, settings: Settings) -> None:
+    short = settings.model_copy(update={"keep_grace_seconds": 0.5})
+    job_id = submit(client, "tiled-2-split6.xyz")
+    with running_worker(short):
+        wait_for(lambda: client.get(f"/jobs/{job_id}").json()["progress"], 30, "it splits")
+        client.post(f"/jobs/{job_id}/cancel?keep=result")
+        job = until(client, job_id, "succeeded", "failed", "cancelled")
+    assert (job["state"], job["attempt"]) == ("succeeded", 2), job["problem"]
+    fields = client.get(f"/jobs/{job_id}/report.json").json()["fields"]
+    assert fields == [f"tile {n}, kept" for n in range(2)]
+
+
 @pytest.mark.parametrize(("task", "code"), [("line", "cloud.collinear"), ("die", "job.crashed")])
 def test_a_tile_that_comes_to_nothing_ends_the_job(
     client: TestClient, settings: Settings, store: TileStore, task: str, code: str

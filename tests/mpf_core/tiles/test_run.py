@@ -96,6 +96,25 @@ def test_what_is_kept_stays_until_the_result_is_written(cloud: Path, tmp_path: P
     assert (anothers.read_text(), run.exists()) == ("mine", False)
 
 
+def test_a_kept_file_that_is_damaged_costs_one_fit(cloud: Path, tmp_path: Path) -> None:
+    options, told = small(**TINY | {"fidelity": "auto", "tile_points": 250}), list[Progress]()
+    taken, kept = tmp_path / "taken", tmp_path / "checkpoint"
+    taken.touch()
+    with pytest.raises(FileExistsError):
+        reconstruct_file(cloud, taken, options, checkpoint=kept)
+    (run,) = tmp_path.glob("checkpoint.tiles/run-*")
+    for name in ("0/patches.safetensors", "1/field.safetensors", "tile-001.safetensors"):
+        (run / name).write_bytes((run / name).read_bytes()[:-100])
+    report = reconstruct_file(
+        cloud, tmp_path / "out", options, checkpoint=kept, progress=told.append
+    )
+    (note,) = report["fit"]["notes"]
+    assert "are made again" in note
+    assert {(p.iteration - 1) // 60 for p in told if p.iteration is not None} == {0, 1}
+    assert report["tiles"]["count"] == 3
+    assert report["surface"]["fidelity"]["applied"]
+
+
 def test_tiles_that_were_cut_short_serve_only_who_wants_that(cloud: Path, tmp_path: Path) -> None:
     options, kept = small(**TINY | {"max_iterations": 160}), tmp_path / "checkpoint"
     taken, told = tmp_path / "taken", list[Progress]()
