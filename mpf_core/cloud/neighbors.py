@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mpf_core.cloud.agreement import fitting
 from mpf_core.cloud.angles import widest_gap
 from mpf_core.cloud.features import sharpened
 from mpf_core.cloud.layers import split
@@ -73,6 +74,11 @@ class Neighborhoods:
     def layered(self) -> NDArray[np.bool_]:
         """(n,) whether each sample is on one side of a thin wall."""
         return np.asarray(self.gap > 0)
+
+    @property
+    def consistent(self) -> NDArray[np.bool_]:
+        """(n,) whether the normal of each sample fits the samples around it."""
+        return fitting(self.points, self.normals, self.links)
 
     @property
     def median_spacing(self) -> float:

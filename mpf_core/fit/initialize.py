@@ -65,18 +65,22 @@ class Initialization:
         return float(np.percentile(gap[layered], 5)) if layered.mean() > 0.01 else np.inf
 
     def normals_at(self, samples: Array) -> Array:
-        """(n, 3) oriented unit normals at samples (n, 3) on or close to the surface."""
+        """(n, 3) oriented unit normals at samples (n, 3) on or close to the surface; 0 where the
+        samples around contradict them."""
+        sure = self.local.neighbours.consistent
         if samples is self.local.neighbours.points:
-            return self.normals
+            return self.normals * sure[:, None]
         normals = np.empty(samples.shape)
         dense = len(samples) > DENSE * len(self.normals)
         for i in range(0, len(samples), CHUNK):
             part = samples[i : i + CHUNK]
             if dense:
-                index = nearest(self.local.neighbours.tree, part, 1, self.local.threads)[1]
-                normals[i : i + CHUNK] = self.normals[index[:, 0]]
+                index = nearest(self.local.neighbours.tree, part, 1, self.local.threads)[1][:, 0]
+                found = self.normals[index]
             else:
-                normals[i : i + CHUNK] = self.local.at(part).normal
+                near = self.local.at(part)
+                found, index = near.normal, near.first
+            normals[i : i + CHUNK] = found * sure[index, None]
         return normals
 
     def at(self, x: Array) -> Targets:

@@ -54,8 +54,9 @@ class Pool:
 class Pools:
     """All that the loop draws from.
 
-    surface: (n, 3) the cloud with unit `normals`; near: N_δ; far: Ω \\ N_δ; ambient: uniform in
-    free space, for second derivatives; start: for the regression; delta: δ, normalised.
+    surface: (n, 3) the cloud with unit `normals`, 0 where they are not known; near: N_δ; far:
+    Ω \\ N_δ; ambient: uniform in free space, for second derivatives; start: for the regression;
+    delta: δ, normalised.
     """
 
     surface: Float[Tensor, "n 3"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -78,6 +79,21 @@ def test_an_open_bowl_holds_nothing(start: Start) -> None:
 def test_normals_at_samples_are_those_of_the_start(start: Start) -> None:
     sphere = start("sphere")
     points = sphere.local.neighbours.points
-    assert sphere.normals_at(points) is sphere.normals
+    np.testing.assert_array_equal(sphere.normals_at(points), sphere.normals)
     moved = sphere.normals_at(points * 1.001)
     assert np.einsum("ni,ni->n", moved, points / RADIUS).min() > 0.99
+
+
+@pytest.mark.parametrize("moved", [1.0, 1.0001])
+def test_normals_that_the_samples_around_contradict_are_not_handed_on(
+    start: Start, moved: float
+) -> None:
+    sphere = start("sphere")
+    near = sphere.local.neighbours
+    wrong = near.normals.copy()
+    wrong[7] = near.tangents[7]
+    spoilt = replace(sphere, local=replace(sphere.local, neighbours=replace(near, normals=wrong)))
+    x = near.points if moved == 1.0 else near.points * moved
+    length = np.linalg.norm(spoilt.normals_at(x), axis=1)
+    assert length[7] == 0
+    np.testing.assert_allclose(np.delete(length, 7), 1.0, atol=1e-6)
