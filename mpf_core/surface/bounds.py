@@ -58,7 +58,7 @@ class Seen:
         off = np.abs(values - trilinear(3) @ values[CORNERS_OF_27])
         return cls(np.fmax.reduce(off, axis=0, initial=0.0), steepness(values, edges))
 
-    def __getitem__(self, rows: slice | NDArray[np.int64]) -> Seen:
+    def __getitem__(self, rows: slice | NDArray[np.int64] | Flags) -> Seen:
         return Seen(self.error[rows], self.slope[rows])
 
 
@@ -84,6 +84,21 @@ def open_children(corner: Corners, edges: NDArray[np.float64], seen: Seen, *, ex
     exact: the points asked are all vertices that any finer cell has; otherwise half the diagonal
     between them is added to the distances.
     """
+    maybe = undecided(corner, seen)
+    wanted = np.zeros(corner.shape, dtype=bool)
+    wanted[:, maybe] = _open_children(corner[:, maybe], edges, seen[maybe], exact)
+    return wanted
+
+
+def undecided(corner: Corners, seen: Seen) -> Flags:
+    """(m,) cells in which the prediction alone leaves some sign open: it lies between the
+    corners."""
+    margin = np.float32(ERROR_SAFETY * 1.0001) * seen.error  # beyond what the sums are rounded by
+    flags: Flags = (corner.min(0) <= margin) & (corner.max(0) >= -margin)
+    return flags
+
+
+def _open_children(corner: Corners, edges: NDArray[np.float64], seen: Seen, exact: bool) -> Flags:
     points = lattice_points(CHILD_POINTS)
     gap = 0.0 if exact else float(np.linalg.norm(edges)) / (CHILD_POINTS - 1)
     distance = _distances(points, edges, gap / 2)
