@@ -9,7 +9,7 @@ number of threads (the order of sums), not on timing.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import pairwise
@@ -17,6 +17,7 @@ from typing import TypeVar
 
 import torch
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 _executor: ThreadPoolExecutor | None = None
@@ -65,6 +66,14 @@ def shared(job: Callable[[slice], T], size: int, *, smallest: int = 1) -> list[T
     if _executor is None or len(parts) == 1 or getattr(_ours, "prepared", False):
         return [job(part) for part in parts]
     return list(_executor.map(job, parts))
+
+
+def mapped(job: Callable[[S], T], items: Iterable[S]) -> list[T]:
+    """job of each item, in order, each on the next thread that is free: the results do not depend
+    on the number of threads."""
+    if _executor is None or getattr(_ours, "prepared", False):
+        return [job(item) for item in items]
+    return list(_executor.map(job, items))
 
 
 def _parts(size: int, count: int) -> Sequence[slice]:

@@ -156,7 +156,7 @@ def _reconstructed(
         clock=watch.clock,
     )
     watch.check()
-    final = edited(mesh, options.surface, fitted, start)
+    final = edited(mesh, options.surface, fitted, start, crossings=self_intersections)
 
     watch.enter("report")
     report = {

@@ -22,7 +22,7 @@ from mpf_core.field.jet import Jet, Order
 from mpf_core.field.pointwise import functions_of_theta
 from mpf_core.field.sweeps import GradientSweep, LaplacianSweep, ValueSweep
 
-BLOCK = 256  # points whose sines, twice 256 KiB, stay in the second cache
+BLOCK = 512  # points whose sines, twice 512 KiB, stay in the second cache
 
 
 class Siren(nn.Module):

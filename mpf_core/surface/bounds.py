@@ -15,7 +15,6 @@ again (`refine.completed`); a whole piece is not.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from itertools import product
 
 import numpy as np
@@ -55,10 +54,10 @@ class Seen:
     @classmethod
     def of(cls, values: Corners, edges: NDArray[np.float64]) -> Seen:
         """From (27, m) values in parents, NaN where unknown, at vertices `edges` (3,) apart."""
-        off = np.abs(values - trilinear(3) @ values[CORNERS_OF_27])
+        off = np.abs(values - interpolated(values[CORNERS_OF_27], 3))
         return cls(np.fmax.reduce(off, axis=0, initial=0.0), steepness(values, edges))
 
-    def __getitem__(self, rows: slice | NDArray[np.int64]) -> Seen:
+    def __getitem__(self, rows: slice | NDArray[np.int64] | Flags) -> Seen:
         return Seen(self.error[rows], self.slope[rows])
 
 
@@ -68,13 +67,22 @@ def lattice_points(count: int) -> NDArray[np.float64]:
     return np.array([(x, y, z) for z, y, x in product(line, repeat=3)])
 
 
-@cache
-def trilinear(count: int) -> NDArray[np.float32]:
-    """(count³, 8) weights of the corners at the points of a cell."""
-    points = lattice_points(count)[:, None]
-    share = np.where(cubes.CORNERS == 1, points, 1 - points)
-    weights: NDArray[np.float32] = share.prod(-1).astype(np.float32)
-    return weights
+def interpolated(corner: Corners, count: int) -> Corners:
+    """(count³, m) trilinear interpolation at the points of cells from (8, m) at their corners.
+
+    One axis after the other: a product of matrices would wake the threads of numpy's BLAS beside
+    ours.
+    """
+    block = corner.reshape(2, 2, 2, -1)  # z, y, x, cell
+    shares = np.linspace(0, 1, count, dtype=np.float32)
+    for axis in (2, 1, 0):
+        low, high = block.take(0, axis), block.take(1, axis)
+        shape = (*block.shape[:axis], count, *block.shape[axis + 1 :])
+        block = np.empty(shape, dtype=np.float32)
+        for at, share in zip(np.moveaxis(block, axis, 0), shares, strict=True):
+            np.multiply(low, 1 - share, out=at)
+            np.add(at, share * high, out=at)
+    return block.reshape(count**3, -1)
 
 
 def open_children(corner: Corners, edges: NDArray[np.float64], seen: Seen, *, exact: bool) -> Flags:
@@ -84,11 +92,26 @@ def open_children(corner: Corners, edges: NDArray[np.float64], seen: Seen, *, ex
     exact: the points asked are all vertices that any finer cell has; otherwise half the diagonal
     between them is added to the distances.
     """
+    maybe = undecided(corner, seen)
+    wanted = np.zeros(corner.shape, dtype=bool)
+    wanted[:, maybe] = _open_children(corner[:, maybe], edges, seen[maybe], exact)
+    return wanted
+
+
+def undecided(corner: Corners, seen: Seen) -> Flags:
+    """(m,) cells in which the prediction alone leaves some sign open: it lies between the
+    corners."""
+    margin = np.float32(ERROR_SAFETY * 1.0001) * seen.error  # beyond what the sums are rounded by
+    flags: Flags = (corner.min(0) <= margin) & (corner.max(0) >= -margin)
+    return flags
+
+
+def _open_children(corner: Corners, edges: NDArray[np.float64], seen: Seen, exact: bool) -> Flags:
     points = lattice_points(CHILD_POINTS)
     gap = 0.0 if exact else float(np.linalg.norm(edges)) / (CHILD_POINTS - 1)
     distance = _distances(points, edges, gap / 2)
     reach = _reaches(corner, edges, seen.slope)
-    between = trilinear(CHILD_POINTS) @ corner  # (p, m)
+    between = interpolated(corner, CHILD_POINTS)  # (p, m)
     margin = np.float32(ERROR_SAFETY) * seen.error
     negative = between <= margin
     positive = between >= -margin
@@ -103,7 +126,7 @@ def predicted(corner: Corners, edges: NDArray[np.float64], seen: Seen) -> tuple[
     certain. Arguments as for `open_children`."""
     distance = _distances(lattice_points(3), edges)
     reach = _reaches(corner, edges, seen.slope)
-    between = trilinear(3) @ corner
+    between = interpolated(corner, 3)
     sure = np.abs(between) > np.float32(ERROR_SAFETY) * seen.error
     sign = np.where(between < 0, np.float32(-1), np.float32(1))
     for c in range(8):

@@ -12,8 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from mpf_core.parallel import mapped
+
 SPAN = 8  # finest cells along a side of a brick
-CHUNK = 32_768  # cells handled at once, so that tables over their vertices stay small
+CHUNK = 16_384  # cells handled at once, so that tables over their vertices stay in the cache
 
 Evaluate = Callable[[NDArray[np.float64]], NDArray[np.float32]]
 Cells = NDArray[np.int64]
@@ -65,9 +67,9 @@ class Grid:
 class Lattice:
     """θ at the vertices of bricks; NaN where it is not known.
 
-    spacing: finest cells between the vertices that are kept, SPAN or 1; everywhere: whether all
-    bricks exist from the start. Tables over the vertices of m cells have the shape (·, m): a cell
-    is a column, so that numpy's inner loops are long.
+    spacing: finest cells between the vertices that are kept, a divisor of SPAN; everywhere: whether
+    all bricks exist from the start. Tables over the vertices of m cells have the shape (·, m): a
+    cell is a column, so that numpy's inner loops are long.
     """
 
     def __init__(self, grid: Grid, evaluate: Evaluate, spacing: int, *, everywhere: bool):
@@ -76,10 +78,23 @@ class Lattice:
         self.shape = grid.shape // SPAN + 1  # brick places along each axis
         self.evaluations = 0
         self.places = np.empty(0, dtype=np.int64)
+        self.lowest = np.empty((0, 3), dtype=np.int64)  # vertex of each brick
         self.numbers = np.full(int(np.prod(self.shape)), -1, dtype=np.int32)
         self.values = np.empty(0, dtype=np.float32)
         if everywhere:
             self._add(np.arange(len(self.numbers)))
+
+    def finer(self, cells: Cells, size: int) -> Lattice:
+        """The lattice of half the spacing in those bricks alone in which cells (m, 3) of `size`
+        finest cells have vertices, with all that is known there. The bricks must exist."""
+        fine = Lattice(self.grid, self.evaluate, self.spacing // 2, everywhere=False)
+        fine.evaluations = self.evaluations
+        fine.hold(cells, size)
+        known = SPAN // self.spacing
+        half = fine.values.reshape(-1, known, 2, known, 2, known, 2)
+        of_brick = self.values.reshape(-1, known, known, known)
+        half[:, :, 0, :, 0, :, 0] = of_brick[self.numbers[fine.places]]
+        return fine
 
     def index(self, cells: Cells, offsets: tuple[int, ...]) -> Flat:
         """(len(offsets)³, m) places in `values` of the vertices at cells (m, 3) plus offsets along
@@ -96,18 +111,22 @@ class Lattice:
 
     def vertices(self, at: Flat) -> Cells:
         """The finest-grid vertices (m, 3) at places in `values`."""
-        brick = np.stack(np.unravel_index(self.places, self.shape), axis=-1) * SPAN
-        vertices: Cells = brick[at >> 3 * self.bits]
+        vertices: Cells = self.lowest[at >> 3 * self.bits]
         if self.bits:
             mask = (1 << self.bits) - 1
             for axis in range(3):
-                vertices[:, axis] += at >> axis * self.bits & mask
+                vertices[:, axis] += (at >> axis * self.bits & mask) * self.spacing
         return vertices
 
     def hold(self, cells: Cells, size: int) -> None:
         """Make the bricks in which cells (m, 3) of `size` finest cells have vertices."""
-        place, _ = self._address(cells, (0, size))
-        self._add(np.unique(place[self.numbers[place] < 0]))
+        touched = np.zeros(len(self.numbers), dtype=bool)
+
+        def touch(rows: slice) -> None:
+            touched[self._address(cells[rows], (0, size))[0]] = True
+
+        mapped(touch, blocks(len(cells)))
+        self._add(np.flatnonzero(touched & (self.numbers < 0)))
 
     def has(self, cells: Cells) -> NDArray[np.bool_]:
         """Whether the brick at the lowest vertex of each cell exists."""
@@ -117,14 +136,21 @@ class Lattice:
     def learn(self, cells: Cells, offsets: tuple[int, ...]) -> None:
         """Evaluate θ where it is unknown at the vertices of cells (m, 3)."""
         wanted = np.zeros(len(self.values), dtype=bool)
-        for part in chunks(cells):
-            wanted[self.index(part, offsets)] = True
+
+        def want(rows: slice) -> None:
+            wanted[self.index(cells[rows], offsets)] = True
+
+        mapped(want, blocks(len(cells)))
         at = np.flatnonzero(wanted)
         self.renew(at[np.isnan(self.values[at])])
 
     def renew(self, at: Flat) -> None:
         """Evaluate θ at distinct places in `values`, whatever they hold."""
-        self.values[at] = self.evaluate(self.grid.points(self.vertices(at)))
+
+        def evaluated(rows: slice) -> None:
+            self.values[at[rows]] = self.evaluate(self.grid.points(self.vertices(at[rows])))
+
+        mapped(evaluated, blocks(len(at)))
         self.evaluations += len(at)
 
     def _address(self, cells: Cells, offsets: tuple[int, ...]) -> tuple[Flat, Flat]:
@@ -140,8 +166,11 @@ class Lattice:
         return place, inner
 
     def _add(self, places: Flat) -> None:
+        if not len(places):
+            return
         self.numbers[places] = np.arange(len(self.places), len(self.places) + len(places))
         self.places = np.concatenate([self.places, places])
+        self.lowest = np.stack(np.unravel_index(self.places, self.shape), axis=-1) * SPAN
         fresh = np.full(len(places) << 3 * self.bits, np.nan, dtype=np.float32)
         self.values = np.concatenate([self.values, fresh])
 
@@ -150,9 +179,3 @@ def blocks(count: int) -> Iterator[slice]:
     """Slices of at most CHUNK rows that cover `count`; one empty slice if there are none."""
     for start in range(0, max(count, 1), CHUNK):
         yield slice(start, start + CHUNK)
-
-
-def chunks(cells: Cells) -> Iterator[Cells]:
-    """The rows of cells in `blocks`."""
-    for rows in blocks(len(cells)):
-        yield cells[rows]

@@ -14,8 +14,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from mpf_core.parallel import mapped
 from mpf_core.surface import bounds, cubes
-from mpf_core.surface.lattice import SPAN, Cells, Evaluate, Flat, Grid, Lattice, blocks, chunks
+from mpf_core.surface.lattice import SPAN, Cells, Evaluate, Flat, Grid, Lattice, blocks
 
 Near = Callable[[Cells, int], NDArray[np.bool_]]
 Check = Callable[[int, int], None]
@@ -33,80 +34,91 @@ def refined(grid: Grid, evaluate: Evaluate, near: Near, check: Check) -> tuple[L
     size = 2**grid.levels
     ranges = [np.arange(0, n, max(size, 2)) for n in grid.shape]
     cells = np.stack(np.meshgrid(*ranges, indexing="ij"), -1).reshape(-1, 3)
-    lattice = Lattice(grid, evaluate, SPAN if size > SPAN else 1, everywhere=True)
+    lattice = Lattice(grid, evaluate, min(size, SPAN), everywhere=True)
     if size == 1:  # every vertex is asked for
         lattice.learn(cells, (0, 1, 2))
         return lattice, cells
     lattice.learn(cells, (0, size))
     seen = bounds.Seen.nothing(len(cells))
     while size > 2:
-        if size == lattice.spacing:
-            lattice = _with_bricks(lattice, cells)
         cells, size = _children(lattice, cells, size, seen, near), size // 2
         check(len(cells), size)
+        if size < SPAN:
+            lattice = lattice.finer(_parents(cells, size), 2 * size)
         lattice.learn(cells, (0, size))
         seen = _seen(lattice, cells, size)
-    return lattice, completed(lattice, _last(lattice, cells, seen))
+    lattice, cells = _last(lattice, cells, seen)
+    return lattice, completed(lattice, cells)
 
 
-def _with_bricks(coarse: Lattice, cells: Cells) -> Lattice:
-    """The lattice of all vertices in the bricks of `cells`, with what the coarse one knows."""
-    lattice = Lattice(coarse.grid, coarse.evaluate, 1, everywhere=False)
-    lattice.hold(cells, SPAN)
-    lattice.values[:: SPAN**3] = coarse.values[lattice.places]
-    lattice.evaluations = coarse.evaluations
-    return lattice
+def _parents(cells: Cells, size: int) -> Cells:
+    """(m, 3) the cells of twice the size in which cells of `size` lie."""
+    parents: Cells = cells // (2 * size) * (2 * size)
+    return parents
 
 
 def _children(lattice: Lattice, cells: Cells, size: int, seen: bounds.Seen, near: Near) -> Cells:
     """The children of cells of `size` in which both signs are possible."""
-    children = []
     edges = lattice.grid.steps * size
-    for rows in blocks(len(cells)):
-        part, above = cells[rows], seen[rows]
-        corner = lattice.corners(part, size)
-        wanted = bounds.open_children(corner, edges, above, exact=size < bounds.CHILD_POINTS)
-        if size >= SPAN:
-            wanted |= near(part, size)
+    beside = near(cells, size) if size >= SPAN else np.zeros(len(cells), dtype=bool)
+
+    def children(rows: slice) -> Cells:
+        part, rest = cells[rows], ~beside[rows]
+        exact = size < bounds.CHILD_POINTS
+        corner = lattice.corners(part[rest], size)
+        wanted = np.ones((8, len(part)), dtype=bool)
+        wanted[:, rest] = bounds.open_children(corner, edges, seen[rows][rest], exact=exact)
         row, child = np.nonzero(wanted.T)
-        children.append(part[row] + cubes.CORNERS[child] * (size // 2))
-    return np.concatenate(children)
+        found: Cells = part[row] + cubes.CORNERS[child] * (size // 2)
+        return found
+
+    return np.concatenate(mapped(children, blocks(len(cells))))
 
 
 def _seen(lattice: Lattice, cells: Cells, size: int) -> bounds.Seen:
     """What their parents show of cells (m, 3) of `size`; children of one parent in a row."""
-    parent = cells // (2 * size) * (2 * size)
+    parent = _parents(cells, size)
     first = np.ones(len(cells), dtype=bool)
     first[1:] = (parent[1:] != parent[:-1]).any(1)
-    seen = []
-    for part in chunks(parent[first]):
-        values = lattice.values[lattice.index(part, (0, size, 2 * size))]
-        seen.append(bounds.Seen.of(values, lattice.grid.steps * size))
+    parent = parent[first]
+
+    def of_parents(rows: slice) -> bounds.Seen:
+        values = lattice.values[lattice.index(parent[rows], (0, size, 2 * size))]
+        return bounds.Seen.of(values, lattice.grid.steps * size)
+
+    seen = mapped(of_parents, blocks(len(parent)))
     error = np.concatenate([one.error for one in seen])
     slope = np.concatenate([one.slope for one in seen])
     return bounds.Seen(error, slope)[np.cumsum(first) - 1]
 
 
-def _last(lattice: Lattice, cells: Cells, seen: bounds.Seen) -> Cells:
-    """The cells of size 2 in which both signs are possible, with all their vertices known."""
+def _last(lattice: Lattice, cells: Cells, seen: bounds.Seen) -> tuple[Lattice, Cells]:
+    """The cells of size 2 in which both signs are possible, and a lattice in which all their
+    vertices are known."""
     edges = lattice.grid.steps * 2
-    pending = np.zeros(len(lattice.values), dtype=bool)
-    sure = np.zeros(len(lattice.values), dtype=bool)
-    kept = []
-    for rows in blocks(len(cells)):
+
+    def kept(rows: slice) -> tuple[Cells, bounds.Corners, bounds.Flags]:
         part, above = cells[rows], seen[rows]
         corner = lattice.corners(part, 2)
-        predicted, certain = bounds.predicted(corner, edges, above)
+        maybe = bounds.undecided(corner, above)
+        part, corner = part[maybe], corner[:, maybe]
+        predicted, certain = bounds.predicted(corner, edges, above[maybe])
         crossed = (corner < 0).any(0) & (corner >= 0).any(0)
         keep = crossed | ~certain[_MIDDLES].all(0)
-        open_ = ~certain[_MIDDLES][:, keep]
-        at = lattice.index(part[keep], (0, 1, 2))[_MIDDLES]
-        lattice.values[at] = predicted[_MIDDLES][:, keep]
+        return part[keep], predicted[_MIDDLES][:, keep], ~certain[_MIDDLES][:, keep]
+
+    found = mapped(kept, blocks(len(cells)))
+    cells = np.concatenate([part for part, _, _ in found])
+    fine = lattice.finer(cells, 2)
+    pending = np.zeros(len(fine.values), dtype=bool)
+    sure = np.zeros(len(fine.values), dtype=bool)
+    for part, predicted, open_ in found:
+        at = fine.index(part, (0, 1, 2))[_MIDDLES]
+        fine.values[at] = predicted
         pending[at[open_]] = True
         sure[at[~open_]] = True
-        kept.append(part[keep])
-    lattice.renew(np.flatnonzero(pending & ~sure))
-    return np.concatenate(kept)
+    fine.renew(np.flatnonzero(pending & ~sure))
+    return fine, cells
 
 
 def completed(lattice: Lattice, cells: Cells) -> Cells:
@@ -141,8 +153,9 @@ def signs(lattice: Lattice, cells: Cells) -> tuple[Flat, NDArray[np.uint32]]:
 
 def _beyond(lattice: Lattice, cells: Cells) -> Cells:
     """Neighbours (m, 3) in the grid across faces that the surface cuts."""
-    neighbours = []
-    for part in chunks(cells):
+
+    def beyond(rows: slice) -> Cells:
+        part, neighbours = cells[rows], []
         _, bits = signs(lattice, part)
         for axis, high in np.ndindex(3, 2):
             mask = _face_mask(axis, 2 * high)
@@ -151,7 +164,9 @@ def _beyond(lattice: Lattice, cells: Cells) -> Cells:
             beside[:, axis] += 4 * high - 2
             inside = (beside[:, axis] >= 0) & (beside[:, axis] < lattice.grid.shape[axis])
             neighbours.append(beside[inside])
-    return np.concatenate(neighbours)
+        return np.concatenate(neighbours)
+
+    return np.concatenate(mapped(beyond, blocks(len(cells))))
 
 
 def _face_mask(axis: int, at: int) -> np.uint32:

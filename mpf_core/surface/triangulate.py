@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpf_core.parallel import mapped
 from mpf_core.surface import cubes
-from mpf_core.surface.lattice import Cells, Flat, Lattice, chunks
+from mpf_core.surface.lattice import Cells, Flat, Lattice, blocks
 from mpf_core.surface.refine import signs
 
 # The next step of false position is not worth an evaluation when it is shorter than this share of
@@ -34,22 +36,26 @@ class Triangles:
 
 def triangulated(lattice: Lattice, cells: Cells) -> Triangles:
     """The zero level of θ in cells (m, 3) of size 2; their vertices must be known."""
-    corners, crossed = [], 0
-    marks = np.zeros(len(lattice.values), dtype=np.uint8)  # a bit per axis: the edge there is cut
-    for part in chunks(cells):
-        at, bits = signs(lattice, part)
-        _mark(marks, at, bits)
-        edges, count = _cut_edges(at, bits)
-        corners.append(edges)
-        crossed += count
+    cut = np.zeros((3, len(lattice.values)), dtype=bool)  # the edge that begins there along an axis
+
+    def edges_of(rows: slice) -> tuple[Flat, int]:
+        at, bits = signs(lattice, cells[rows])
+        _mark(cut, at, bits)
+        return _cut_edges(at, bits)
+
+    corners, crossed = zip(*mapped(edges_of, blocks(len(cells))), strict=True)
+    marks = cut[0].view(np.uint8) | cut[1].view(np.uint8) << 1 | cut[2].view(np.uint8) << 2
     start = np.flatnonzero(marks)
     owned = marks[start]
-    first = np.zeros(len(lattice.values), dtype=np.int32)
+    first = np.empty(len(lattice.values), dtype=np.int32)  # where there is a mark
     first[start] = np.cumsum(_COUNT[owned]) - _COUNT[owned]
-    faces = [_numbers(first, marks, edges) for edges in corners]
+    faces = mapped(partial(_numbers, first, marks), corners)
     row, axis = np.nonzero(_BITS[owned].astype(bool))
-    vertices = _rooted(lattice, start[row], axis)
-    return Triangles(vertices, np.concatenate(faces), crossed)
+    start = start[row]
+    roots = mapped(lambda rows: _rooted(lattice, start[rows], axis[rows]), blocks(len(start)))
+    lattice.evaluations += sum(count for _, count in roots)
+    vertices = np.concatenate([found for found, _ in roots])
+    return Triangles(vertices, np.concatenate(faces), sum(crossed))
 
 
 # By mark: how many edges begin at the vertex, and how many of them come before each axis.
@@ -60,14 +66,13 @@ _BEFORE = (np.cumsum(_BITS, axis=1) - _BITS).ravel()
 _PLACES = (cubes.CORNERS[:, None] + cubes.CORNERS[None]) @ np.array([1, 3, 9])
 
 
-def _mark(marks: NDArray[np.uint8], at: Flat, bits: NDArray[np.uint32]) -> None:
-    """Set the bit of each edge in cells of size 2 whose ends differ in sign."""
+def _mark(cut: NDArray[np.bool_], at: Flat, bits: NDArray[np.uint32]) -> None:
+    """Mark the edges in cells of size 2 whose ends differ in sign."""
     for axis in range(3):
-        cut = bits ^ bits >> np.uint32(3**axis)
+        differ = bits ^ bits >> np.uint32(3**axis)
         for place in range(27):
             if place // 3**axis % 3 < 2:
-                lower = at[place, (cut & np.uint32(1 << place)) != 0]
-                marks[lower] |= np.uint8(1 << axis)
+                cut[axis, at[place, (differ & np.uint32(1 << place)) != 0]] = True
 
 
 def _cut_edges(at: Flat, bits: NDArray[np.uint32]) -> tuple[Flat, int]:
@@ -98,22 +103,24 @@ def _numbers(first: NDArray[np.int32], marks: NDArray[np.uint8], edges: Flat) ->
     return numbers
 
 
-def _rooted(lattice: Lattice, start: Flat, axis: NDArray[np.int64]) -> Floats:
-    """(v, 3) positions of the roots on the edges that begin at `start` along `axis`."""
+def _rooted(lattice: Lattice, start: Flat, axis: NDArray[np.int64]) -> tuple[Floats, int]:
+    """(v, 3) positions of the roots on the edges that begin at `start` along `axis`, and how often
+    θ was evaluated."""
     low = lattice.vertices(start)
     along = np.eye(3, dtype=np.int64)[axis]
     above = lattice.values[lattice.index(low + along, (0,))[0]].astype(np.float64)
     below = lattice.values[start].astype(np.float64)
     origin, step = lattice.grid.points(low), along * lattice.grid.steps
+    asked: list[int] = []
 
     def theta(share: Floats, among: NDArray[np.int64]) -> Floats:
-        lattice.evaluations += len(among)
+        asked.append(len(among))
         at = origin[among] + share[:, None] * step[among]
         return lattice.evaluate(at).astype(np.float64)
 
     share = _roots(below, above, theta)
     roots: Floats = origin + share[:, None] * step
-    return roots
+    return roots, sum(asked)
 
 
 def _roots(below: Floats, above: Floats, theta: Theta) -> Floats:

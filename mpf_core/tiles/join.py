@@ -28,6 +28,7 @@ from mpf_core.outputs import write_result
 from mpf_core.parallel import workers
 from mpf_core.pipeline import PADDING
 from mpf_core.progress import CancelCheck, Clock, ProgressCallback
+from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.report import finished_report, frame_report, run_report
 from mpf_core.surface.edit import edited
 from mpf_core.surface.extraction import extract_mesh
@@ -97,7 +98,7 @@ def joined(
             taken.mesh, blend, field_paths, plan.shell, options.data, threads, watch.clock
         )
         watch.check()
-        final = edited(mesh, options.surface, blend)
+        final = edited(mesh, options.surface, blend, crossings=self_intersections)
         watch.enter("report")
         report = {
             **run_report(options),

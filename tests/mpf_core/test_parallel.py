@@ -7,7 +7,7 @@ import threading
 import pytest
 import torch
 
-from mpf_core.parallel import shared, workers
+from mpf_core.parallel import mapped, shared, workers
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
@@ -17,6 +17,17 @@ def test_parts_come_back_in_order_and_cover_everything(threads: int) -> None:
         assert [one for part in parts for one in part] == list(range(10))
         assert len(parts) == threads
         assert len(shared(lambda part: part, 10, smallest=10)) == 1
+
+
+@pytest.mark.timeout(30)
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_items_come_back_in_order_also_from_within_shared_work(threads: int) -> None:
+    def row(first: int) -> list[int]:
+        return mapped(lambda second: 10 * first + second, range(3))
+
+    with workers(threads):
+        assert mapped(row, range(5)) == [[10 * k, 10 * k + 1, 10 * k + 2] for k in range(5)]
+        assert mapped(row, []) == []
 
 
 @pytest.mark.timeout(30)

@@ -13,9 +13,10 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from mpf_core.errors import NoSurface
+from mpf_core.parallel import workers
 from mpf_core.surface import cubes
 from mpf_core.surface.isosurface import Grid, Isosurface, extract
-from mpf_core.surface.lattice import Lattice
+from mpf_core.surface.lattice import CHUNK, Lattice
 from mpf_core.surface.refine import completed
 from mpf_core.surface.triangulate import triangulated
 
@@ -190,6 +191,35 @@ def test_one_cell_leads_to_the_whole_piece() -> None:
     lattice.learn(seed, (0, 1, 2))
     found = triangulated(lattice, completed(lattice, seed))
     assert (len(found.vertices), len(found.faces)) == dense(torus, grid)
+
+
+def test_a_finer_lattice_knows_what_the_coarse_one_does() -> None:
+    grid = grid_of(32)
+    lattice = Lattice(grid, torus, 8, everywhere=True)
+    cells = np.array([[8, 8, 16], [24, 0, 8]])
+    lattice.learn(cells, (0, 8))
+    for spacing in (4, 2, 1):
+        before = lattice.evaluations
+        lattice = lattice.finer(cells, 8)
+        assert (lattice.spacing, lattice.evaluations) == (spacing, before)
+        at = lattice.index(cells, (0, 8))
+        expected = torus(grid.points(lattice.vertices(at.ravel()))).reshape(at.shape)
+        assert np.array_equal(lattice.values[at], expected)
+        known = np.flatnonzero(~np.isnan(lattice.values))
+        assert np.array_equal(lattice.values[known], torus(grid.points(lattice.vertices(known))))
+        lattice.learn(cells, (0, spacing, 8))
+        assert lattice.evaluations > before
+
+
+def test_threads_do_not_change_the_surface() -> None:
+    grid = grid_of(160)
+    one = extract(torus, grid, NOWHERE, reach=0.0)
+    with workers(3):
+        three = extract(torus, grid, NOWHERE, reach=0.0)
+    assert one.crossed_cells > 2 * CHUNK  # work for more than one thread
+    assert one.evaluations == three.evaluations
+    assert np.array_equal(one.vertices, three.vertices)
+    assert np.array_equal(one.faces, three.faces)
 
 
 @pytest.mark.parametrize("finer", [(1, 1, 4), (3, 1, 1), (2, 2, 2)])
