@@ -46,7 +46,7 @@ from mpf_core.quality.report import finished_report, frame_report, input_report,
 from mpf_core.surface.edit import edited
 from mpf_core.surface.extraction import extract_mesh
 from mpf_core.surface.fidelity import onto_data
-from mpf_core.surface.forecast import area_of, seconds_after_fit
+from mpf_core.surface.forecast import area_of, seconds_after_fit, shadows_of
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.resolution import shell_of
 from mpf_core.watch import Watch
@@ -188,8 +188,9 @@ def _deadline(
     budget = options.fit.time_budget
     drawn = torch.Generator().manual_seed(options.seed)
     alike = MetricPhaseField(width=options.fit.width, omega=options.fit.omega, generator=drawn)
-    area = area_of(neighbours, 0.0 if start is None else 1 - start.seeded)
-    needed = seconds_after_fit(options.surface, footprint, area, theta_of(alike), clock)
+    sheets = 0.0 if start is None else 1 - start.seeded
+    area, shadows = area_of(neighbours, sheets), shadows_of(neighbours, sheets)
+    needed = seconds_after_fit(options.surface, footprint, area, shadows, theta_of(alike), clock)
     return budget - float(np.clip(needed, LEAST_KEPT * budget, MOST_KEPT * budget))
 
 

@@ -1,8 +1,8 @@
 """How long the way from the fitted field to the written mesh will take, before the field is fitted.
 
-By counts: cells that the surface will cross, triangles that will be left. Both follow from the
-area, and that from the samples. What each costs is told in evaluations of θ, whose pace is
-measured.
+By counts: cells that the surface will cross, triangles that will be left. These follow from its
+area, those from its shadows along the axes, and both from the samples. What each costs is told in
+evaluations of θ, whose pace is measured.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from mpf_core.options import SurfaceOptions
 from mpf_core.surface.coarsen import faces_for
 from mpf_core.surface.resolution import choose_resolution
 
-CROSSED = 1.45  # cells of side 1 that a surface of area 1 crosses, for all directions alike
 PER_CELL = 9.5  # evaluations per crossed cell: 4.1 of θ, the rest sorting, welding, merging
 PER_FACE = 11.0  # for each triangle left: the last step, normals, crossings, report, writing
 FIXED = 1.5  # seconds
@@ -31,13 +30,14 @@ def seconds_after_fit(
     options: SurfaceOptions,
     footprint: Footprint,
     area: float,
+    shadows: NDArray[np.float64],
     evaluate: Evaluate,
     clock: Callable[[], float],
 ) -> float:
-    """From extraction to the written file, for a mesh of `area`, normalised. `evaluate` need not be
-    the field that is meant, only as large."""
+    """From extraction to the written file, for a mesh of `area` with `shadows` (3,), normalised.
+    `evaluate` need not be the field that is meant, only as large."""
     fineness = choose_resolution(options, footprint)
-    cells = CROSSED * area * (fineness.cells / 2) ** 2 * max(fineness.finer)
+    cells = crossed(shadows, 2 / fineness.cells / np.array(fineness.finer))
     faces = 2 * cells
     if options.coarsen == "auto" and options.resolution is None:
         faces = min(faces, faces_for(area, footprint.spacing))
@@ -51,8 +51,22 @@ def seconds_after_fit(
     return FIXED + pace * (PER_CELL * cells + PER_FACE * faces)
 
 
+def crossed(shadows: NDArray[np.float64], steps: NDArray[np.float64]) -> float:
+    """How many cells with sides `steps` (3,) a surface with `shadows` (3,) crosses: a plane crosses
+    those whose centres are within half their width along its normal."""
+    return float((shadows * steps).sum() / np.prod(steps))
+
+
 def area_of(neighbours: Neighborhoods, sheets: float) -> float:
     """Of the mesh around samples, of which a share `sheets` is of open sheets with two walls: each
     sample stands for a sixth of the disc out to its sixth neighbour."""
-    own = np.pi / SPACING_NEIGHBOUR * float((neighbours.spacing**2).sum())
-    return (1 + sheets) * own
+    return (1 + sheets) * float(_discs(neighbours).sum())
+
+
+def shadows_of(neighbours: Neighborhoods, sheets: float) -> NDArray[np.float64]:
+    """(3,) area of the same mesh as seen along each axis, of what hides behind other parts, too."""
+    return (1 + sheets) * np.asarray(_discs(neighbours) @ np.abs(neighbours.normals))
+
+
+def _discs(neighbours: Neighborhoods) -> NDArray[np.float64]:
+    return np.pi / SPACING_NEIGHBOUR * neighbours.spacing**2

@@ -37,9 +37,12 @@ def footprint(points: NDArray[np.float64], thickness: float | None = None) -> Fo
 
 def told(points: NDArray[np.float64], pace: float = 1e-5, **changes: Any) -> float:
     clock = Ticking(pace)
-    area = forecast.area_of(analyse(points), 0.0)
-    options = options_from(changes).surface
-    return forecast.seconds_after_fit(options, footprint(points), area, clock.evaluate, clock)
+    near = analyse(points)
+    area, shadows = forecast.area_of(near, 0.0), forecast.shadows_of(near, 0.0)
+    surface = options_from(changes).surface
+    return forecast.seconds_after_fit(
+        surface, footprint(points), area, shadows, clock.evaluate, clock
+    )
 
 
 def test_samples_tell_the_area_of_what_they_cover() -> None:
@@ -48,7 +51,10 @@ def test_samples_tell_the_area_of_what_they_cover() -> None:
         4 * np.pi, rel=0.2
     )  # even samples are closer
     assert forecast.area_of(ball, 1.0) == pytest.approx(2 * forecast.area_of(ball, 0.0))
-    assert forecast.area_of(analyse(plane(60)), 0.0) == pytest.approx(4, rel=0.25)
+    flat = analyse(plane(60))
+    assert forecast.area_of(flat, 0.0) == pytest.approx(4, rel=0.25)
+    assert forecast.shadows_of(flat, 0.0) == pytest.approx((0, 0, 4), rel=0.25, abs=1e-6)
+    assert forecast.shadows_of(ball, 1.0) == pytest.approx(np.full(3, 4 * np.pi), rel=0.25)
 
 
 def test_the_cells_that_a_ball_crosses_are_foretold() -> None:
@@ -57,8 +63,14 @@ def test_the_cells_that_a_ball_crosses_are_foretold() -> None:
     points = 0.8 * sphere(4000)
     grid = Grid.around(np.full(3, -1.0), np.full(3, 1.0), 100)
     crossed = extract(clock.evaluate, grid, footprint(points).tree, reach=0.1).crossed_cells
-    area = forecast.area_of(analyse(points), 0.0)
-    assert forecast.CROSSED * area * 50**2 == pytest.approx(crossed, rel=0.25)
+    shadows = forecast.shadows_of(analyse(points), 0.0)
+    assert forecast.crossed(shadows, np.full(3, 0.02)) == pytest.approx(crossed, rel=0.25)
+
+
+def test_flat_cells_make_a_plate_no_dearer_but_its_rim() -> None:
+    steps = np.array([0.02, 0.02, 0.005])
+    assert forecast.crossed(np.array([0.0, 0.0, 4.0]), steps) == pytest.approx(4 / 0.02**2)
+    assert forecast.crossed(np.array([4.0, 0.0, 0.0]), steps) == pytest.approx(4 / 0.02 / 0.005)
 
 
 def test_time_grows_with_the_pace_and_with_the_square_of_the_resolution() -> None:
