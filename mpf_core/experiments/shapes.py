@@ -32,17 +32,25 @@ PLATE_THICKNESSES = (0.1, 0.05, 0.01, 0.005)
 
 @dataclass(frozen=True)
 class ShapeSpec:
-    """A test shape: a closed `solid`, a `sheet` with a boundary, or `mixed`."""
+    """A test shape: a closed `solid`, a `sheet` with a boundary, or `mixed`. Where a scan lacks a
+    part of a body, `whole` builds all of it, in the same box."""
 
     name: str
     about: str
     kind: Kind
     build: Callable[[], Mesh]
+    whole: Callable[[], Mesh] | None = None
 
 
-def _spec(name: str, kind: Kind, build: Callable[[], Mesh], about: str | None = None) -> ShapeSpec:
+def _spec(
+    name: str,
+    kind: Kind,
+    build: Callable[[], Mesh],
+    about: str | None = None,
+    whole: Callable[[], Mesh] | None = None,
+) -> ShapeSpec:
     text = about or (build.__doc__ or "").partition("\n\n")[0]
-    return ShapeSpec(name, " ".join(text.split()), kind, build)
+    return ShapeSpec(name, " ".join(text.split()), kind, build, whole)
 
 
 _ALL = (
@@ -63,7 +71,7 @@ _ALL = (
     _spec("bowl", "sheet", sheets.bowl),
     _spec("t-junction", "sheet", sheets.t_junction),
     _spec("x-junction", "sheet", sheets.x_junction),
-    _spec("holed-body", "sheet", sheets.holed_body),
+    _spec("holed-body", "sheet", sheets.holed_body, whole=partial(sheets.holed_body, base=True)),
     _spec("sphere", "solid", solids.sphere),
     _spec("torus", "solid", solids.torus),
     _spec("knurled-ring", "solid", solids.knurled_ring),
@@ -93,6 +101,14 @@ def shape(name: str) -> Mesh:
     if name not in SHAPES:
         raise OptionsError(f"there is no shape {name!r}", advice=f"Use one of {', '.join(SHAPES)}.")
     return normalised(SHAPES[name].build())
+
+
+@cache
+def whole(name: str) -> Mesh:
+    """What a surface of a cloud of `shape(name)` is compared to: the shape, with what scans of it
+    lack; not to be changed in place."""
+    build = SHAPES[name].whole if name in SHAPES else None
+    return shape(name) if build is None else normalised(build())
 
 
 def distances(name: str, points: Floats) -> Floats:

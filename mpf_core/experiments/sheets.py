@@ -149,8 +149,11 @@ def x_junction() -> Mesh:
     return _welded(*[patch((0, -0.8, 0), ray, (0, 1.6, 0)) for ray in rays])
 
 
-def holed_body() -> Mesh:
-    """A pear-like body with a round hole in its base, as scans of standing figures have."""
+def holed_body(*, base: bool = False) -> Mesh:
+    """A pear-like body with a round hole in its base, as scans of standing figures have.
+
+    base: with what it stands on, instead of the hole
+    """
     wall = curve(
         [(0.30, 0.0), (0.62, 0.18), (0.72, 0.6), (0.50, 1.15), (0.36, 1.45), (0.25, 1.75)], 90
     )
@@ -162,7 +165,8 @@ def holed_body() -> Mesh:
         axis=1,
     )
     top[-1, 0] = 0.0
-    return lathe(np.concatenate([wall, top]))
+    bottom = [[0.0, 0.0], [0.15, 0.0]] if base else np.empty((0, 2))
+    return lathe(np.concatenate([bottom, wall, top]))
 
 
 def _welded(*meshes: Mesh) -> Mesh:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from mpf_core.experiments.shapes import shape
+from mpf_core.experiments.shapes import whole
 from mpf_core.experiments.trial import Row, mesh_path
 from mpf_core.quality.meshio import read_mesh
 from mpf_core.quality.metrics import point_distances
@@ -175,7 +175,7 @@ def error_picture(
 ) -> Image.Image:
     """The mesh of a row or of a moment of it, seen as its reference is, coloured by its distance
     to it."""
-    reference = shape(row["trial"]["shape"])
+    reference = whole(row["trial"]["shape"])
     mesh = read_mesh(mesh_path(directory, row, iteration))
     errors = 1e3 * point_distances(mesh.vertices, reference)
     scale = Scale(errors, (0.0, ERROR_LIMIT), "distance × 10³")

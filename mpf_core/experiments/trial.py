@@ -27,7 +27,7 @@ from mpf_core.cloud.normalize import Similarity
 from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.cloud.reader import read_cloud
 from mpf_core.errors import MPFError
-from mpf_core.experiments.shapes import sample, shape
+from mpf_core.experiments.shapes import sample, whole
 from mpf_core.files import write_atomically
 from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.metrics import compare, evaluate, farthest_component, points_to_surface
@@ -223,7 +223,7 @@ def _moment(
         return found
     write_ply(moment.mesh, mesh_path(directory, row, moment.iteration))
     # Crossings are left out: early on there are more floaters than they can be counted on.
-    measured = compare(moment.mesh, shape(trial.shape), samples=samples)
+    measured = compare(moment.mesh, whole(trial.shape), samples=samples)
     return found | asdict(measured) | {"components": topology(moment.mesh).components}
 
 
@@ -238,4 +238,4 @@ def _measured(
     if trial.is_scan:
         crossings = len(self_intersections(mesh))
         return found | asdict(topology(mesh)) | {"self_intersections": crossings}
-    return found | evaluate(mesh, shape(trial.shape), samples=samples).as_dict()
+    return found | evaluate(mesh, whole(trial.shape), samples=samples).as_dict()

@@ -7,8 +7,9 @@ import pytest
 
 from mpf_core.errors import OptionsError
 from mpf_core.experiments.build import boxes, grid, lathe, tube
-from mpf_core.experiments.shapes import SHAPES, distances, sample, shape
+from mpf_core.experiments.shapes import SHAPES, distances, sample, shape, whole
 from mpf_core.quality.intersections import self_intersections
+from mpf_core.quality.metrics import point_distances
 from mpf_core.quality.topology import topology
 
 
@@ -27,6 +28,21 @@ def test_every_shape_is_normalised_and_of_its_kind(name: str) -> None:
         volume = np.linalg.det(corners).sum() / 6
         assert volume > 0, "triangles face inwards"
     assert spec.about.endswith(".")
+
+
+def test_the_whole_of_a_body_with_a_hole_is_closed_and_in_the_same_place() -> None:
+    part, body = shape("holed-body"), whole("holed-body")
+    counted = topology(body)
+    assert counted.watertight and counted.euler_characteristic == 2
+    assert counted.inconsistent_edges == counted.degenerate_faces == 0
+    assert point_distances(part.vertices, body).max() < 1e-12
+    base = point_distances(body.vertices, part)
+    low = body.vertices[base > 1e-9]
+    assert len(low) and np.all(low[:, 2] == -1)
+
+
+def test_most_shapes_are_whole() -> None:
+    assert whole("vase") is shape("vase")
 
 
 def test_topology_of_the_paper_s_kinds() -> None:
