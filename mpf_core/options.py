@@ -143,8 +143,8 @@ class FitOptions:
     )
     patience: float = option(
         0.15,
-        "The best state is kept, and the fit ends when there was no better one for this share of "
-        "its iterations; at 0 it runs to its end and the last one is kept.",
+        "The best mean of states is kept, and the fit ends when there was no better one for this "
+        "share of its iterations; at 0 it runs to its end and the last one is kept.",
         low=0.0,
         high=1.0,
     )

@@ -47,14 +47,15 @@ class Side:
         return np.asarray(self.labels[i, j, k])
 
     @cached_property
-    def _distance(self) -> NDArray[np.float32]:
+    def away(self) -> NDArray[np.float32]:
+        """(k, k, k) voxels from each to where networks are asked, made when it is first wanted."""
         return np.asarray(ndimage.distance_transform_edt(self.labels != 0), dtype=np.float32)
 
     def distance(self, x: Array) -> Array:
         """(n,) from points x (n, 3) to where networks are asked, about a voxel too much: nobody
         comes as close to samples as that."""
         place = (x + self.half).T / self.voxel
-        found = ndimage.map_coordinates(self._distance, place, order=1, mode="nearest")
+        found = ndimage.map_coordinates(self.away, place, order=1, mode="nearest")
         return self.voxel * (1 + np.asarray(found, dtype=np.float64))
 
 
@@ -88,11 +89,11 @@ class BlendedField:
 
     def level(self) -> Evaluate:
         """Σ wᵢ φᵢ, and θ in place of φ where one tile alone has weight."""
-        return lambda x: self._scalar(x, "theta", "phi")
+        return self._shared("theta", "phi")
 
     def values(self, name: str) -> Evaluate:
         """Σ wᵢ of φ, r or θ, in the whole's units, or of P."""
-        return lambda x: self._scalar(x, name, name)
+        return self._shared(name, name)
 
     def gradient(self) -> Evaluate:
         """Σ wᵢ ∇θᵢ; what ∇wᵢ adds vanishes with φᵢ, on the surface."""
@@ -105,6 +106,10 @@ class BlendedField:
             return out.astype(np.float32)
 
         return evaluate
+
+    def _shared(self, alone: str, together: str) -> Evaluate:
+        _ = self.side.away  # made once, and not by each of the threads that will call
+        return lambda x: self._scalar(x, alone, together)
 
     def _scalar(self, x: Array, alone: str, together: str) -> Values:
         label = self.side.at(x)

@@ -65,8 +65,9 @@ class FitLog:
     `planned` is the number of iterations that the schedule was laid out for; `stopped_by` one of
     "iterations", "plateau", "clock", "cancel" (the caller's `stop`). A run with
     `--max-iterations planned` and a time budget that does not bind repeats it. `kept` is the
-    iteration whose state was delivered, `resumed_from` the one that a checkpoint held; `precision`
-    that of the hidden products; `loops` "fused" where those over single entries were compiled.
+    iteration whose state, or mean of states up to it, was delivered, `resumed_from` the one that a
+    checkpoint held; `precision` that of the hidden products; `loops` "fused" where those over
+    single entries were compiled.
     """
 
     planned: int = 0
@@ -164,7 +165,7 @@ class Trainer:
         self.averaging = Averaging(self.field, options.averaging)
 
     def run(self, control: Control) -> None:
-        """Step until something ends the fit; leaves the best state in `field`."""
+        """Step until something ends the fit; leaves the best mean of states in `field`."""
         self._resume(control.checkpoint)
         begin = control.clock()
         costs = self._rehearsed(control.clock)

@@ -17,9 +17,9 @@ from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import face_crosses, face_normals
 from mpf_core.surface.takeback import Crossings
 
-ROUNDS = 30
+SEARCHED, MOST_ROUNDS = 600_000, 30  # faces in all rounds together (20 µs each), and rounds
 PATIENCE = 5  # rounds without fewer crossings: the fine walls cross there themselves
-MOST_FACES = 150_000  # looked at: a search takes some 10 µs a face, and the report counts no more
+MOST_FACES = 150_000  # looked at: the report counts no more, either
 NEIGHBOURS = 24  # fine triangles of which the nearest that faces the same way is of the same wall
 FACING = 0.5  # cosine above which it does
 HALVINGS = 3  # of steps that would turn a triangle over, before they are not taken
@@ -39,7 +39,7 @@ def uncrossed(coarse: Mesh, fine: Mesh, crossings: Crossings) -> Array:
     mesh, best = coarse, coarse.vertices
     fewest, since = np.inf, 0
     walls: _Walls | None = None
-    for _ in range(ROUNDS):
+    for _ in range(min(MOST_ROUNDS, 1 + SEARCHED // max(len(coarse.faces), 1))):
         pairs = crossings(mesh)
         since += 1
         if len(pairs) < fewest:
@@ -108,9 +108,14 @@ def _without_turns(coarse: Mesh, vertices: Array, step: Array) -> Array:
     """`step` (v, 3) from `vertices`, shortened where it would turn a triangle of `coarse` over."""
     before = face_crosses(coarse)
     share = np.ones(len(vertices))
-    for k in range(HALVINGS + 1):
+    halvings = 0
+    while True:
         after = face_crosses(Mesh(vertices + share[:, None] * step, coarse.faces))
-        turned = coarse.faces[np.einsum("fi,fi->f", before, after) <= 0]
-        share[np.unique(turned)] *= 0.5 if k < HALVINGS else 0.0
+        turned = np.unique(coarse.faces[np.einsum("fi,fi->f", before, after) <= 0])
+        if not share[turned].any():
+            break  # none, or none that this step turns
+        # What stays may turn a neighbour that was sound while both moved: looked at again.
+        share[turned] *= 0.5 if halvings < HALVINGS else 0.0
+        halvings += 1
     shortened: Array = share[:, None] * step
     return shortened

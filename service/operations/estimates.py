@@ -112,6 +112,8 @@ class Estimates:
     def eta(self, job: Job, position: int | None) -> float | None:
         """Seconds until the job is done, as far as it can be told without asking again."""
         if job.state is JobState.RUNNING:
+            if job.splitting and job.progress is None:
+                return None
             return job.progress.eta if job.progress else self._outlook.pace(job.queue)
         if position is None or job.queue not in QUEUES:
             return None

@@ -7,6 +7,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial import Delaunay
 
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.experiments.shapes import shape
@@ -20,7 +23,7 @@ from mpf_core.surface.edit import edited
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import face_crosses, vertex_normals
 from mpf_core.surface.simplify import decimated, deviation
-from mpf_core.surface.uncross import uncrossed
+from mpf_core.surface.uncross import _without_turns, uncrossed
 
 THIN = 0.0012  # a sixteenth of the spacing of some ten thousand samples
 
@@ -90,3 +93,15 @@ def test_the_walls_of_what_is_asked_for_do_not_cross() -> None:
     told = final.edits["decimation"]["largest_distance"]
     far = deviation((mesh.vertices, mesh.faces), (final.mesh.vertices, final.mesh.faces))
     assert told == pytest.approx(far.largest, rel=1e-3)
+
+
+@given(st.integers(0, 10_000), st.floats(0.01, 1.0))
+def test_no_step_turns_a_triangle_over(seed: int, size: float) -> None:
+    rng = np.random.default_rng(seed)
+    flat = rng.uniform(size=(40, 2))
+    vertices = np.concatenate([flat, np.zeros((40, 1))], axis=1)
+    mesh = Mesh(vertices, Delaunay(flat).simplices.astype(np.int64))
+    step = size * rng.normal(size=(40, 3))
+    moved = Mesh(vertices + _without_turns(mesh, vertices, step), mesh.faces)
+    along = np.einsum("fi,fi->f", face_crosses(mesh), face_crosses(moved))
+    assert along.min() > 0
