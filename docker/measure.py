@@ -130,6 +130,8 @@ def prepare(root: Path) -> None:
 def measure(root: Path) -> dict[str, float]:
     """Build both images' folders; their sizes, MB."""
     found = steps()
+    root.mkdir(parents=True, exist_ok=True)
+    root.chmod(0o755)  # the image's user starts there
     prepare(root)
     sizes = {}
     with mounted(root):
