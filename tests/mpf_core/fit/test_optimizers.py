@@ -72,7 +72,7 @@ def rates(planned: int, **changes: object) -> list[float]:
 
 
 def test_the_rates_rise_are_held_and_fall_and_never_reach_zero() -> None:
-    found = rates(1000)
+    found = rates(1000, terms_rate=0.5)
     rise, hold, fall = found[:RAMP], found[RAMP:480], found[480:]
     assert rise == pytest.approx([(k + 1) / RAMP for k in range(RAMP)])
     assert set(hold) == {1.0}
