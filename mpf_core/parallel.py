@@ -62,15 +62,13 @@ def shared(job: Callable[[slice], T], size: int, *, smallest: int = 1) -> list[T
     Parts have at least `smallest` members, so that little work stays on one thread.
     """
     parts = _parts(size, max(1, min(_count, size // smallest)))
-    # A thread of ours that waited for the others would wait for itself.
-    if _executor is None or len(parts) == 1 or getattr(_ours, "prepared", False):
-        return [job(part) for part in parts]
-    return list(_executor.map(job, parts))
+    return [job(parts[0])] if len(parts) == 1 else mapped(job, parts)
 
 
 def mapped(job: Callable[[S], T], items: Iterable[S]) -> list[T]:
     """job of each item, in order, each on the next thread that is free: the results do not depend
     on the number of threads."""
+    # A thread of ours that waited for the others would wait for itself.
     if _executor is None or getattr(_ours, "prepared", False):
         return [job(item) for item in items]
     return list(_executor.map(job, items))
