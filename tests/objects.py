@@ -8,9 +8,9 @@ import secrets
 import socket
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from botocore.config import Config
 
 from service.connection import connect
 from service.settings import Settings
-from tests.services import Server, settings_for, wait_for
+from tests.services import Server, running, settings_for, wait_for
 
 KEY, SECRET = "mpf-test-key", "mpf-test-secret"
 
@@ -106,20 +106,14 @@ def _free_port() -> int:
 
 @pytest.fixture(scope="session")
 def moto() -> Iterator[ObjectStore]:
-    with tempfile.TemporaryDirectory(prefix="mpf-") as folder:
-        store = ObjectStore("moto", Path(folder))
-        store.start()
+    with running(partial(ObjectStore, "moto")) as store:
         yield store
-        store.stop()
 
 
 @pytest.fixture(scope="session")
 def rclone() -> Iterator[ObjectStore]:
-    with tempfile.TemporaryDirectory(prefix="mpf-") as folder:
-        store = ObjectStore("rclone", Path(folder))
-        store.start()
+    with running(partial(ObjectStore, "rclone")) as store:
         yield store
-        store.stop()
 
 
 class Place:

@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import httpx2
 import numpy as np
@@ -80,24 +80,39 @@ def wait_for(look: Callable[[], T], seconds: float, what: str) -> T:
         time.sleep(0.1)
 
 
-@pytest.fixture(scope="session")
-def shared_server() -> Iterator[Server]:
+class Startable(Protocol):
+    """A process of a test's."""
+
+    def start(self) -> None: ...
+
+    def stop(self) -> None: ...
+
+
+S = TypeVar("S", bound=Startable)
+
+
+@contextlib.contextmanager
+def running(make: Callable[[Path], S]) -> Iterator[S]:
+    """What `make` makes in a folder of its own, started, and stopped afterwards."""
     # Not tmp_path: a unix socket's path must be short.
     with tempfile.TemporaryDirectory(prefix="mpf-") as folder:
-        server = Server(Path(folder))
-        server.start()
+        made = make(Path(folder))
+        made.start()
+        yield made
+        made.stop()
+
+
+@pytest.fixture(scope="session")
+def shared_server() -> Iterator[Server]:
+    with running(Server) as server:
         yield server
-        server.stop()
 
 
 @pytest.fixture
 def own_server() -> Iterator[Server]:
     """A Valkey of the test's own, to be killed."""
-    with tempfile.TemporaryDirectory(prefix="mpf-") as folder:
-        server = Server(Path(folder))
-        server.start()
+    with running(Server) as server:
         yield server
-        server.stop()
 
 
 @pytest.fixture

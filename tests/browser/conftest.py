@@ -6,16 +6,14 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 from tests.browser.served import Served, torus
-from tests.services import PATIENCE, REPOSITORY
+from tests.services import PATIENCE, REPOSITORY, running
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = [
@@ -81,12 +79,8 @@ def watched(page: Page) -> list[str]:
 
 @pytest.fixture(scope="package")
 def served() -> Iterator[Served]:
-    # Not tmp_path: a unix socket's path must be short.
-    with tempfile.TemporaryDirectory(prefix="mpf-") as folder:
-        service = Served(Path(folder))
-        service.start()
+    with running(Served) as service:
         yield service
-        service.stop()
 
 
 @pytest.fixture(scope="package")

@@ -17,7 +17,7 @@ from tests.browser.conftest import watched
 from tests.browser.looking import drawn, look, pixels
 from tests.browser.served import Served, torus
 from tests.browser.test_whole_way import ENDLESS, begin, choose_cloud, fill_in, stage
-from tests.services import PATIENCE, wait_for
+from tests.services import PATIENCE, running, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -25,11 +25,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 @pytest.fixture
 def own_service() -> Iterator[Served]:
     """One to be stopped."""
-    with tempfile.TemporaryDirectory(prefix="mpf-") as folder:
-        service = Served(Path(folder))
-        service.start()
+    with running(Served) as service:
         yield service
-        service.stop()
 
 
 def test_cancel(page: Page, served: Served, axe: str) -> None:
