@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mpf_core.cloud.agreement import fitting
+from mpf_core.cloud.agreement import agreed
 from mpf_core.cloud.angles import widest_gap
 from mpf_core.cloud.features import sharpened
 from mpf_core.cloud.layers import split
@@ -25,6 +25,8 @@ LINKS = 9  # neighbours per point in the graph that orients the normals
 CHUNK = 16_384  # points handled at once, so that memory stays a constant beside the cloud
 OPEN_ANGLE = 2.2  # radians without neighbours from which a sample is at a rim
 ROUND = 0.2  # flatness from which a patch may reach round a rod
+TURNED = 0.7  # cosine from which a normal has turned away from the wall that it was told of
+RESOLVED = 0.5  # local spacings: a thinner wall has too few samples on its rim to tell its plane
 LAYERED_AROUND = 0.5  # share of a sample's links that must be layered as well for it to stay so
 
 Array = NDArray[np.float64]
@@ -56,6 +58,7 @@ class Neighborhoods:
     gap: (n,) distance to the other side of a wall or rod thinner than the patches, 0 where there is
     none. Where there is one, normals point away from the other side; for walls all but the band
     radius is told by the sample's own side alone.
+    consistent: (n,) whether the normal fits the samples around.
     """
 
     points: Array
@@ -69,16 +72,12 @@ class Neighborhoods:
     rim: Array
     flatness: Array
     gap: Array
+    consistent: NDArray[np.bool_]
 
     @property
     def layered(self) -> NDArray[np.bool_]:
         """(n,) whether each sample is on one side of a thin wall."""
         return np.asarray(self.gap > 0)
-
-    @property
-    def consistent(self) -> NDArray[np.bool_]:
-        """(n,) whether the normal of each sample fits the samples around it."""
-        return fitting(self.points, self.normals, self.links)
 
     @property
     def median_spacing(self) -> float:
@@ -146,7 +145,30 @@ def analyse(points: Array, *, normal_neighbours: int = 16, threads: int = -1) ->
         points, out["normals"], out["spacing"], out["flatness"], tree,
         fixed=out["gap"] > 0, threads=threads,
     )  # fmt: skip
+    out |= _agreed(points, out, rods.index, tree, threads)
     return Neighborhoods(points=points, tree=tree, **out)
+
+
+def _agreed(
+    points: Array,
+    told: dict[str, NDArray[Any]],
+    rods: Indices,
+    tree: cKDTree,
+    threads: int,
+) -> dict[str, NDArray[Any]]:
+    """Normals and gaps once samples whose normals do not fit have asked those around."""
+    gap = told["gap"][told["links"]]
+    # Of the rim of a wall thinner than the samples show, those around know nothing.
+    fixed = ((gap > 0) & (gap < RESOLVED * told["spacing"][:, None])).any(1)
+    fixed[rods] = True
+    found = agreed(points, told["normals"], told["links"], tree, fixed=fixed, threads=threads)
+    cosine = np.einsum("nk,nk->n", told["normals"], found.normals)
+    return {
+        "normals": np.where(cosine < 0, -1.0, 1.0)[:, None] * found.normals,
+        # What turns away from the other side of a wall is at its end, not on a side of it.
+        "gap": np.where(np.abs(cosine) < TURNED, 0.0, told["gap"]),
+        "consistent": found.sure,
+    }
 
 
 def _collect(lists: dict[str, list[NDArray[Any]]], told: dict[str, NDArray[Any]]) -> None:

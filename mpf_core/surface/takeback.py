@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
+from mpf_core.cloud.neighbors import distance_within
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import face_crosses, unit_normals
 
@@ -22,7 +23,7 @@ ALIGNED = 0.5  # cosine to the data's normal above which a face lies along its w
 REACH = 4.0  # median radii of a face within which others are looked at
 SWEEPS = 4  # searches of the whole mesh
 LEAST = 1e-2  # share of a step below which none is taken
-GIVEN_UP = 8  # rounds in which vertices around what is still spoilt go nowhere
+GIVEN_UP = 8  # rounds in which vertices around what is still spoilt go nowhere, twice as far each
 ROUNDS = 10  # halvings of the steps in the places found by one
 
 Array = NDArray[np.float64]
@@ -72,26 +73,49 @@ def allowed_share(motion: Motion, crossings: Crossings) -> Array:
         # The rest was found sound where it is; what moved back may have met others.
         moved = np.flatnonzero((share != before)[motion.faces].any(1))
         near = _around(motion.at(share), moved, np.arange(len(motion.faces)))
-    return _given_up(motion, share, near, ring, crossings)
+    return _given_up(motion, share, near, crossings)
 
 
-def _given_up(
-    motion: Motion, share: Array, near: Indices, ring: sparse.csr_array, crossings: Crossings
-) -> Array:
-    """`share` without steps around what is still spoilt, in an area that grows until none is; all
-    zero if that does not end."""
-    for size in range(1, GIVEN_UP + 1):
+def _given_up(motion: Motion, share: Array, near: Indices, crossings: Crossings) -> Array:
+    """`share` with nothing around what is still spoilt, and from there rising with the distance;
+    all zero if that leaves something spoilt.
+
+    Distances are measured through space, so that the two walls of a shell stop at the same place:
+    along the surface, one would go on past where the other stays.
+    """
+    marks, radius, most = np.empty((0, 3)), np.empty(0), share
+    for _ in range(GIVEN_UP):
         bad = _spoilt(motion, share, near, crossings)
         if not len(bad):
             return share
-        still = _beside(motion.faces[bad], ring).astype(np.float64)
-        for _ in range(size):
-            still = np.asarray(ring @ still > 0, dtype=np.float64)
-        share[still > 0] = 0.0
-        share = np.minimum(share, ring @ share)
-        changed = np.flatnonzero((still > 0)[motion.faces].any(1))
+        corners = np.unique(motion.faces[bad])
+        longest = np.linalg.norm(motion.step[corners], axis=1).max()
+        found = motion.vertices[corners]
+        least = max(_reach(motion.at(0 * share), near), float(longest))
+        radius = np.concatenate([radius, _wider(marks, radius, found, least)])
+        marks = np.concatenate([marks, found])
+        before, share = share, most * _ramp(marks, radius, motion.vertices)
+        changed = np.flatnonzero((share != before)[motion.faces].any(1))
         near = _around(motion.at(share), changed, np.arange(len(motion.faces)))
     return share * (len(_spoilt(motion, share, near, crossings)) == 0)
+
+
+def _wider(marks: Array, radius: Array, found: Array, least: float) -> Array:
+    """(k,) radius for each of `found` (k, 3): twice that of the mark (m, 3) about which it lies."""
+    wide = np.full(len(found), least)
+    for size in np.unique(radius):
+        inside = np.isfinite(distance_within(cKDTree(marks[radius == size]), found, 2 * size))
+        wide[inside] = np.maximum(wide[inside], 2 * size)
+    return wide
+
+
+def _ramp(marks: Array, radius: Array, x: Array) -> Array:
+    """(n,) at x (n, 3): 0 within the radius of a mark, 1 from twice that on."""
+    share = np.ones(len(x))
+    for size in np.unique(radius):
+        distance = distance_within(cKDTree(marks[radius == size]), x, 2 * size)
+        share = np.minimum(share, np.clip(distance / size - 1, 0, 1))
+    return share
 
 
 def _beside(faces: Indices, ring: sparse.csr_array) -> NDArray[np.bool_]:
@@ -119,12 +143,15 @@ def _around(mesh: Mesh, risky: Indices, among: Indices) -> Indices:
     """Those of the faces `among` that are `risky` or near such a one."""
     if not len(risky):
         return risky
-    first = mesh.vertices[mesh.faces[among, 0]]
-    middle = mesh.vertices[mesh.faces[among]].mean(1)
-    reach = REACH * float(np.median(np.linalg.norm(first - middle, axis=1)))
     tree = cKDTree(mesh.vertices[mesh.faces[risky]].mean(1))
-    distance, _ = tree.query(middle, distance_upper_bound=reach)
-    return among[np.isfinite(distance)]
+    middle = mesh.vertices[mesh.faces[among]].mean(1)
+    return among[np.isfinite(distance_within(tree, middle, _reach(mesh, among)))]
+
+
+def _reach(mesh: Mesh, among: Indices) -> float:
+    """How far from one of the faces `among` others are looked at."""
+    corners = mesh.vertices[mesh.faces[among]]
+    return REACH * float(np.median(np.linalg.norm(corners[:, 0] - corners.mean(1), axis=1)))
 
 
 def _spoilt(motion: Motion, share: Array, near: Indices, crossings: Crossings) -> Indices:

@@ -5,6 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mpf_core.experiments.shapes import shape
+from mpf_core.quality.sampling import sample_surface
+from mpf_core.surface.normals import face_normals
+
 Array = NDArray[np.float64]
 
 GOLDEN = np.pi * (3 - np.sqrt(5))
@@ -34,3 +38,11 @@ def ball(count: int, seed: int = 0) -> Array:
     direction = rng.normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return direction * rng.uniform(size=(count, 1)) ** (1 / 3)
+
+
+def sampled(name: str, count: int, noise: float = 0.0) -> tuple[Array, Array]:
+    """Points and the exact normals there."""
+    mesh, rng = shape(name), np.random.default_rng(0)
+    drawn = sample_surface(mesh, count, rng)
+    moved = drawn.points + rng.normal(size=drawn.points.shape) * noise
+    return moved, face_normals(mesh)[drawn.faces]

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mpf_core.cloud.agreement import fitting
+from mpf_core.cloud.agreement import agreed, fitting
 from mpf_core.cloud.neighbors import Neighborhoods, analyse
-from tests.mpf_core.clouds import plane, sphere
+from tests.mpf_core.clouds import plane, sampled, sphere
 
 
 def spoilt(found: Neighborhoods, rows: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -38,3 +38,43 @@ def test_noise_makes_few_normals_unfit() -> None:
     rng = np.random.default_rng(0)
     found = analyse(sphere(2000) + rng.normal(size=(2000, 3)) * 0.01)
     assert fitting(found.points, found.normals, found.links).mean() > 0.8
+
+
+def test_contradicted_normals_are_those_of_the_one_plane_around() -> None:
+    found = analyse(plane(40))
+    rows = np.arange(0, 1600, 60)
+    told = agreed(
+        found.points, spoilt(found, rows), found.links, found.tree, fixed=np.zeros(1600, dtype=bool)
+    )
+    assert told.sure[rows].all()
+    np.testing.assert_allclose(np.abs((told.normals * found.normals).sum(1)), 1, atol=1e-9)
+
+
+def test_fixed_normals_stay_and_are_not_sure() -> None:
+    found = analyse(plane(40))
+    rows = np.arange(0, 1600, 60)
+    before = spoilt(found, rows)
+    told = agreed(
+        found.points, before, found.links, found.tree, fixed=np.isin(np.arange(1600), rows)
+    )
+    np.testing.assert_array_equal(told.normals, before)
+    assert told.sure[rows].mean() < 0.1
+
+
+def test_a_noisy_cloud_is_left_as_it_is() -> None:
+    rng = np.random.default_rng(0)
+    found = analyse(sphere(2000) + rng.normal(size=(2000, 3)) * 0.02)
+    rows = np.arange(0, 2000, 60)
+    before = spoilt(found, rows)
+    told = agreed(found.points, before, found.links, found.tree, fixed=np.zeros(2000, dtype=bool))
+    np.testing.assert_array_equal(told.normals, before)
+
+
+def test_the_rim_of_a_thin_plate_is_told_by_its_neighbours() -> None:
+    """A rim less than two gaps between samples wide, of which no patch shows the plane."""
+    points, exact = sampled("plate-0.05", 10_000)
+    rim = (np.abs(exact[:, 2]) < 0.5) & (np.abs(points[:, 2]) < 0.02)
+    found = analyse(points, threads=1)
+    cosine = np.abs(np.einsum("ni,ni->n", found.normals, exact))[rim]
+    assert (cosine > np.cos(np.radians(5))).mean() > 0.8  # 0.67 by their own patches
+    assert found.consistent[rim].mean() > 0.75  # 0.5

@@ -8,20 +8,10 @@ from numpy.typing import NDArray
 
 from mpf_core.cloud.features import sharpened
 from mpf_core.cloud.neighbors import analyse
-from mpf_core.experiments.shapes import shape
 from mpf_core.fit.initialize import initialize
-from mpf_core.quality.sampling import sample_surface
-from mpf_core.surface.normals import face_normals
+from tests.mpf_core.clouds import sampled
 
 Array = NDArray[np.float64]
-
-
-def sampled(name: str, count: int, noise: float = 0.0) -> tuple[Array, Array]:
-    """Points and the exact normals there."""
-    mesh, rng = shape(name), np.random.default_rng(0)
-    drawn = sample_surface(mesh, count, rng)
-    moved = drawn.points + rng.normal(size=drawn.points.shape) * noise
-    return moved, face_normals(mesh)[drawn.faces]
 
 
 def wrong(found: Array, exact: Array) -> float:

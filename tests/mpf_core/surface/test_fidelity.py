@@ -14,6 +14,7 @@ from mpf_core.cloud.normalize import Similarity
 from mpf_core.options import DataOptions
 from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.topology import topology
+from mpf_core.surface import coarsen, fidelity
 from mpf_core.surface.fidelity import Moved, follow_data, onto_data
 from mpf_core.surface.isosurface import Grid, extract
 from mpf_core.surface.mesh import Mesh
@@ -204,3 +205,7 @@ def test_off_or_without_a_local_fit_the_mesh_is_the_networks(switch: str) -> Non
     assert same is mesh
     assert report["applied"] is False
     assert report["reason"]
+
+
+def test_no_mesh_that_coarsening_leaves_is_too_large_for_the_last_step() -> None:
+    assert fidelity.MOST_VERTICES > coarsen.WORTH * coarsen.MOST / 2

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from mpf_core.quality.intersections import self_intersections
+from mpf_core.surface import takeback
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import face_crosses
 from mpf_core.surface.takeback import Motion, allowed_share
@@ -76,3 +78,28 @@ def test_walls_that_would_change_places_do_not() -> None:
     share = allowed_share(motion, self_intersections)
     assert spoilt(motion, share) == 0
     assert share.max() == 1
+
+
+def test_where_halving_does_not_help_both_walls_stop_at_the_same_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(takeback, "SWEEPS", 0)
+    low, faces = square(0.0, 30)
+    high, _ = square(0.02, 30)
+    # Both walls rise, and a slanted plate above a corner stays where it is.
+    plate, of_plate = square(0.06, 6)
+    plate[:, :2] *= 0.1
+    plate[:, 2] += 0.7 * plate[:, 0]
+    vertices = np.concatenate([low, high, plate])
+    parts = [faces[:, ::-1], faces + len(low), of_plate + 2 * len(low)]
+    step = np.zeros_like(vertices)
+    step[: 2 * len(low), 2] = 0.1
+    outward = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
+    outward[: len(low), 2] = -1
+    motion = Motion(vertices, np.concatenate(parts), step, outward, ~step.any(axis=1))
+    assert spoilt(motion, np.ones(len(vertices))) > 0
+    share = allowed_share(motion, self_intersections)
+    assert spoilt(motion, share) == 0
+    np.testing.assert_allclose(share[: len(low)], share[len(low) : 2 * len(low)], atol=0.2)
+    far = np.linalg.norm(vertices[:, :2], axis=1) > 0.7
+    assert (share[far] == 1).all()
