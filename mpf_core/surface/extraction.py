@@ -14,6 +14,7 @@ from mpf_core.field.fitted import Fitted
 from mpf_core.options import SurfaceOptions
 from mpf_core.progress import CancelCheck
 from mpf_core.surface.bounds import BOUND
+from mpf_core.surface.boxed import kept_within, leaves
 from mpf_core.surface.coarsen import coarsened
 from mpf_core.surface.finish import FLOATER_SPACINGS, finish, without_floaters
 from mpf_core.surface.isosurface import Grid, Isosurface, extract
@@ -89,6 +90,9 @@ def _zero_level(
         grid = Grid.around(fitted.box[0], fitted.box[1], resolution, fineness.finer)
         try:
             surface = extract(fitted.level(), grid, footprint.tree, reach=reach, cancel=cancel)
+            within = kept_within(fitted.level(), grid) if leaves(surface) else None
+            if within is not None:
+                surface = extract(within, grid, footprint.tree, reach=reach, cancel=cancel)
         except ResolutionTooHigh:
             if asked:
                 raise

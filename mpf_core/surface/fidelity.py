@@ -40,8 +40,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-# A mesh of 900 000 faces took 45 to 55 s on a busy machine, which no preset's time has room for. All
-# that `coarsen` leaves, WORTH times its MOST faces, has fewer vertices.
+# A mesh of 900 000 faces took 45 to 55 s on a busy machine, which no preset's time has room for.
+# What `coarsen` leaves, WORTH times its MOST faces, has fewer vertices.
 MOST_VERTICES = 350_000
 
 

@@ -19,7 +19,7 @@ from mpf_core.surface.coarsen import faces_for
 from mpf_core.surface.resolution import choose_resolution
 
 PER_CELL = 9.5  # evaluations per crossed cell: 2.2 of θ, the rest mostly merging of triangles
-PER_FACE = 11.0  # for each triangle left: the last step, normals, crossings, report, writing
+PER_FACE = 15.0  # for each triangle left: the last step, normals, crossings, report, writing
 FIXED = 1.5  # seconds
 PROBES, ROUNDS = 16_384, 4  # points at which the pace is measured, and how often; the best counts
 

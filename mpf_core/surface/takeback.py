@@ -1,7 +1,7 @@
 """How far each vertex may go before a triangle folds over, collapses or crosses another.
 
-Faces on their data and along the wall that those describe cannot meet, since walls keep their
-distance: only the others and what is near them is looked at.
+Faces on their data and along the wall that those describe seldom meet, since walls keep their
+distance: the others and what is near them is looked at first, the whole mesh once those are sound.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def allowed_share(motion: Motion, crossings: Crossings) -> Array:
     ring = neighbours_of(motion.faces, len(share))
     near = _suspects(motion, share)
     for _ in range(SWEEPS):
-        bad = _spoilt(motion, share, near, crossings)
+        near, bad = _spoilt_anywhere(motion, share, near, crossings)
         if not len(bad):
             return share
         before = share.copy()
@@ -85,7 +85,7 @@ def _given_up(motion: Motion, share: Array, near: Indices, crossings: Crossings)
     """
     marks, radius, most = np.empty((0, 3)), np.empty(0), share
     for _ in range(GIVEN_UP):
-        bad = _spoilt(motion, share, near, crossings)
+        near, bad = _spoilt_anywhere(motion, share, near, crossings)
         if not len(bad):
             return share
         corners = np.unique(motion.faces[bad])
@@ -97,7 +97,7 @@ def _given_up(motion: Motion, share: Array, near: Indices, crossings: Crossings)
         before, share = share, most * _ramp(marks, radius, motion.vertices)
         changed = np.flatnonzero((share != before)[motion.faces].any(1))
         near = _around(motion.at(share), changed, np.arange(len(motion.faces)))
-    return share * (len(_spoilt(motion, share, near, crossings)) == 0)
+    return share * (len(_spoilt_anywhere(motion, share, near, crossings)[1]) == 0)
 
 
 def _wider(marks: Array, radius: Array, found: Array, least: float) -> Array:
@@ -152,6 +152,18 @@ def _reach(mesh: Mesh, among: Indices) -> float:
     """How far from one of the faces `among` others are looked at."""
     corners = mesh.vertices[mesh.faces[among]]
     return REACH * float(np.median(np.linalg.norm(corners[:, 0] - corners.mean(1), axis=1)))
+
+
+def _spoilt_anywhere(
+    motion: Motion, share: Array, near: Indices, crossings: Crossings
+) -> tuple[Indices, Indices]:
+    """Faces to look at further and those spoilt: of the faces `near`, and of all if none is."""
+    bad = _spoilt(motion, share, near, crossings)
+    if len(bad):
+        return near, bad
+    everywhere = np.arange(len(motion.faces))
+    bad = _spoilt(motion, share, everywhere, crossings)
+    return _around(motion.at(share), bad, everywhere), bad
 
 
 def _spoilt(motion: Motion, share: Array, near: Indices, crossings: Crossings) -> Indices:
