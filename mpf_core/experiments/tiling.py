@@ -34,7 +34,9 @@ POINTS = 3_000_000  # as many as the paper's real scan has
 ITERATIONS = 1000
 # Of the quick form: a shape of few triangles, fitted by a small network.
 QUICK_SHAPE, QUICK_POINTS = "plate-0.1", 2000
-QUICK: Row = {"tile_points": 1200, "width": 32, "omega": 15.0, "start_points": 256}
+QUICK: Row = {
+    "tile_points": 1200, "width": 32, "omega": 15.0, "start_points": 256, "resolution": 32,
+}  # fmt: skip
 
 Array = NDArray[np.float64]
 
