@@ -250,7 +250,7 @@ class DataOptions:
         expert=False,
     )
     sheet_thickness: float = option(
-        0.06,
+        0.03,
         "Thickness that the last step gives to the shell around an open sheet: a one-layer surface "
         "is then missed by a quarter of it on average, and the walls still stay well apart.",
         low=0.01,
