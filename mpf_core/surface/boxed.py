@@ -18,14 +18,14 @@ PROBES = 64  # along each side of the box's faces
 # Share of the box's sides that is taken for an accident. More, as where a sheet parts the box in
 # two because no side of it was told, says that inside and outside are not what they seem.
 ACCIDENT = 0.05
+BESIDE = 1e-6  # cells from a side within which a vertex is on it
 
 
 def leaves(surface: Isosurface) -> bool:
     """Whether the surface, a mesh in the grid's frame, ends at a side of the grid."""
-    grid = surface.grid
-    ends = np.stack([grid.origin, grid.origin + grid.shape * grid.steps])
-    beside = np.abs(surface.vertices[:, None] - ends) < 1e-6 * grid.steps
-    return bool(beside.any())
+    grid, x = surface.grid, surface.vertices
+    low, high = x.min(0) - grid.origin, grid.origin + grid.shape * grid.steps - x.max(0)
+    return bool((np.minimum(low, high) < BESIDE * grid.steps).any())
 
 
 def kept_within(level: Evaluate, grid: Grid) -> Evaluate | None:
