@@ -19,8 +19,8 @@ from scipy.spatial import cKDTree
 FITTING, TILTED, NOISY = 3, 0.04, 3.0
 PATCH = 24  # neighbours whose planes a sample may lie on
 FLAT = 0.02  # height over length from which a sample is beside a plane
-VOTERS = 2  # of one plane, and twice those of any other
-ALIKE, OTHER = 0.97, 0.9  # cosines of normals of one plane, and of two
+VOTERS = 2  # of one plane, and more than twice those of any that is turned from it
+ALIKE, OTHER = 0.97, 0.9  # cosines from which normals are of one plane, and below which of two
 ROUNDS = 4
 CHUNK = 4096
 
@@ -28,17 +28,10 @@ Array = NDArray[np.float64]
 
 
 class Agreement(NamedTuple):
-    """normals: (n, 3); sure: (n,) whether each fits the samples around it"""
+    """normals: (n, 3); sure: (n,) whether each fits the samples around it, or was told by them"""
 
     normals: Array
     sure: NDArray[np.bool_]
-
-
-def fitting(points: Array, normals: Array, links: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """(n,) whether unit normals (n, 3) at points (n, 3), whatever their orientation, fit at the
-    neighbours `links` (n, l)."""
-    least = _tilt(points, normals, links)
-    return np.asarray(least <= max(TILTED, NOISY * float(np.median(least))))
 
 
 def agreed(

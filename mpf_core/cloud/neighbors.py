@@ -25,7 +25,7 @@ LINKS = 9  # neighbours per point in the graph that orients the normals
 CHUNK = 16_384  # points handled at once, so that memory stays a constant beside the cloud
 OPEN_ANGLE = 2.2  # radians without neighbours from which a sample is at a rim
 ROUND = 0.2  # flatness from which a patch may reach round a rod
-TURNED = 0.7  # cosine from which a normal has turned away from the wall that it was told of
+TURNED = 0.7  # cosine below which a normal has turned away from the wall that it was told of
 RESOLVED = 0.5  # local spacings: a thinner wall has too few samples on its rim to tell its plane
 LAYERED_AROUND = 0.5  # share of a sample's links that must be layered as well for it to stay so
 
@@ -58,7 +58,8 @@ class Neighborhoods:
     gap: (n,) distance to the other side of a wall or rod thinner than the patches, 0 where there is
     none. Where there is one, normals point away from the other side; for walls all but the band
     radius is told by the sample's own side alone.
-    consistent: (n,) whether the normal fits the samples around.
+    consistent: (n,) whether the normal fits the samples around, or is what these told; rim and
+    tangents are from before that.
     """
 
     points: Array

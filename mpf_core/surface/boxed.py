@@ -1,7 +1,7 @@
-"""What keeps a surface within the box that the field was fitted in.
+"""What keeps a surface within the grid around the box that the field was fitted in.
 
-Where samples are missing a field may bulge out of the box, and marching cubes would leave a hole in
-its side. There the surface ends at the side itself, as if everything beyond were outside.
+Where samples are missing a field may bulge out of it, and marching cubes would leave a hole in its
+side. There the surface ends at the side itself, as if everything beyond were outside.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from mpf_core.surface.lattice import Evaluate, Grid
 
 Array = NDArray[np.float64]
 
-PROBES = 64  # along each side of the box's faces
-# Share of the box's sides that is taken for an accident. More, as where a sheet parts the box in
-# two because no side of it was told, says that inside and outside are not what they seem.
+PROBES = 64  # along each edge of a side
+# Share of the grid's sides, by area, that is taken for an accident. More, as where a sheet parts
+# the box in two because no side of it was told, says that outside is not what it seems.
 ACCIDENT = 0.05
 BESIDE = 1e-6  # cells from a side within which a vertex is on it
 
@@ -32,21 +32,26 @@ def kept_within(level: Evaluate, grid: Grid) -> Evaluate | None:
     """`level` with all that is beyond the grid's sides outside, half a cell early; None where the
     two signs share the sides in such a way that outside cannot be told."""
     low, high = grid.origin, grid.origin + grid.shape * grid.steps
-    negative = float((level(_on_sides(low, high)) < 0).mean())
+    negative = _negative(level, low, high)
     if ACCIDENT < negative < 1 - ACCIDENT:
         return None
     sign = 1 if negative < 0.5 else -1
 
     def within(x: Array) -> NDArray[np.float32]:
         beyond = np.maximum(low + grid.steps / 2 - x, x - high + grid.steps / 2).max(1)
-        return sign * np.maximum(sign * level(x), beyond.astype(np.float32))
+        return np.asarray(sign * np.maximum(sign * level(x), beyond.astype(np.float32)))
 
     return within
 
 
-def _on_sides(low: Array, high: Array) -> Array:
-    """(6 · PROBES², 3) a grid of points over the six sides of a box."""
+def _negative(level: Evaluate, low: Array, high: Array) -> float:
+    """The share of a box's sides, by area, where `level` is negative."""
     axis = (np.arange(PROBES) + 0.5) / PROBES
     across = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
-    sides = [np.insert(across, k, end, axis=1) for k in range(3) for end in (0.0, 1.0)]
-    return np.asarray(low + np.concatenate(sides) * (high - low))
+    area = np.prod(high - low) / (high - low)  # of the sides across each axis
+    shares = [
+        (level(low + np.insert(across, k, end, axis=1) * (high - low)) < 0).mean()
+        for k in range(3)
+        for end in (0.0, 1.0)
+    ]
+    return float(np.average(shares, weights=np.repeat(area, 2)))

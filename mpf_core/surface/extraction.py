@@ -92,7 +92,9 @@ def _zero_level(
             surface = extract(fitted.level(), grid, footprint.tree, reach=reach, cancel=cancel)
             within = kept_within(fitted.level(), grid) if leaves(surface) else None
             if within is not None:
+                before = surface.evaluations
                 surface = extract(within, grid, footprint.tree, reach=reach, cancel=cancel)
+                surface = replace(surface, evaluations=before + surface.evaluations)
         except ResolutionTooHigh:
             if asked:
                 raise

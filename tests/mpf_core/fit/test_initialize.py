@@ -90,9 +90,8 @@ def test_normals_that_the_samples_around_contradict_are_not_handed_on(
 ) -> None:
     sphere = start("sphere")
     near = sphere.local.neighbours
-    wrong = near.normals.copy()
-    wrong[7] = near.tangents[7]
-    spoilt = replace(sphere, local=replace(sphere.local, neighbours=replace(near, normals=wrong)))
+    doubted = replace(near, consistent=np.arange(len(near.points)) != 7)
+    spoilt = replace(sphere, local=replace(sphere.local, neighbours=doubted))
     x = near.points if moved == 1.0 else near.points * moved
     length = np.linalg.norm(spoilt.normals_at(x), axis=1)
     assert length[7] == 0

@@ -80,6 +80,18 @@ def test_walls_that_would_change_places_do_not() -> None:
     assert share.max() == 1
 
 
+def test_crossings_of_what_does_not_move_stay_and_stop_nothing() -> None:
+    flat, faces = square(0.0)
+    upright = np.stack([flat[:, 0], np.full(len(flat), 0.51), flat[:, 1] - 0.5], axis=1)
+    vertices = np.concatenate([flat, upright])
+    step = np.zeros_like(vertices)
+    moving = np.flatnonzero(flat[:, 1] > 0.9)
+    step[moving, 2] = 0.02
+    motion = upward(vertices, np.concatenate([faces, faces + len(flat)]), step)
+    assert len(self_intersections(Mesh(motion.vertices, motion.faces))) > 0
+    assert (allowed_share(motion, self_intersections)[moving] == 1).all()
+
+
 def test_where_halving_does_not_help_both_walls_stop_at_the_same_place(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -25,7 +25,7 @@ from mpf_core.surface.normals import face_crosses, vertex_normals
 from mpf_core.surface.simplify import decimated, deviation
 from mpf_core.surface.uncross import _without_turns, uncrossed
 
-THIN = 0.0012  # a sixteenth of the spacing of some ten thousand samples
+THIN = 0.0012  # 0.03 of the spacing of some three thousand samples, 0.06 of ten thousand
 
 
 @cache
