@@ -104,11 +104,21 @@ def shape(name: str) -> Mesh:
 
 
 @cache
-def whole(name: str) -> Mesh:
+def whole(name: str, thickness: float = 0.0) -> Mesh:
     """What a surface of a cloud of `shape(name)` is compared to: the shape, with what scans of it
-    lack; not to be changed in place."""
+    lack, or both sides of a wall this thick about it; not to be changed in place."""
     build = SHAPES[name].whole if name in SHAPES else None
-    return shape(name) if build is None else normalised(build())
+    mesh = shape(name) if build is None else normalised(build())
+    return mesh if thickness == 0 else _both_sides(mesh, thickness)
+
+
+def _both_sides(mesh: Mesh, thickness: float) -> Mesh:
+    """Each triangle twice, half the thickness along its normal and against it, where samples of
+    both sides lie (`sample_mesh`)."""
+    corners = mesh.vertices[mesh.faces]  # (f, 3, 3)
+    away = 0.5 * thickness * face_normals(mesh)[:, None]
+    sides = np.concatenate([corners + away, (corners - away)[:, ::-1]])
+    return Mesh(sides.reshape(-1, 3), np.arange(3 * len(sides)).reshape(-1, 3))
 
 
 def distances(name: str, points: Floats) -> Floats:

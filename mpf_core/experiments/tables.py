@@ -175,7 +175,7 @@ def error_picture(
 ) -> Image.Image:
     """The mesh of a row or of a moment of it, seen as its reference is, coloured by its distance
     to it."""
-    reference = whole(row["trial"]["shape"])
+    reference = whole(row["trial"]["shape"], row["trial"]["thickness"])
     mesh = read_mesh(mesh_path(directory, row, iteration))
     errors = 1e3 * point_distances(mesh.vertices, reference)
     scale = Scale(errors, (0.0, ERROR_LIMIT), "distance × 10³")

@@ -223,7 +223,7 @@ def _moment(
         return found
     write_ply(moment.mesh, mesh_path(directory, row, moment.iteration))
     # Crossings are left out: early on there are more floaters than they can be counted on.
-    measured = compare(moment.mesh, whole(trial.shape), samples=samples)
+    measured = compare(moment.mesh, whole(trial.shape, trial.thickness), samples=samples)
     return found | asdict(measured) | {"components": topology(moment.mesh).components}
 
 
@@ -238,4 +238,4 @@ def _measured(
     if trial.is_scan:
         crossings = len(self_intersections(mesh))
         return found | asdict(topology(mesh)) | {"self_intersections": crossings}
-    return found | evaluate(mesh, whole(trial.shape), samples=samples).as_dict()
+    return found | evaluate(mesh, whole(trial.shape, trial.thickness), samples=samples).as_dict()

@@ -119,3 +119,9 @@ def test_pieces() -> None:
     ring[:, :, 0], ring[:, :, 1] = np.cos(np.arange(6))[:, None], np.sin(np.arange(6))[:, None]
     ring[:, 1, 2] = 1
     assert topology(grid(ring, around=True)).boundary_loops == 2
+
+
+def test_both_sides_of_a_wall_are_where_its_samples_lie() -> None:
+    samples = sample("wave", 2000, thickness=0.02)
+    assert point_distances(samples, whole("wave", 0.02)).max() < 1e-9
+    assert point_distances(samples, whole("wave")).mean() == pytest.approx(0.01, rel=0.01)
