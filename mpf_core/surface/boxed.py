@@ -24,14 +24,14 @@ BESIDE = 1e-6  # cells from a side within which a vertex is on it
 def leaves(surface: Isosurface) -> bool:
     """Whether the surface, a mesh in the grid's frame, ends at a side of the grid."""
     grid, x = surface.grid, surface.vertices
-    low, high = x.min(0) - grid.origin, grid.origin + grid.shape * grid.steps - x.max(0)
+    low, high = x.min(0) - grid.origin, grid.points(grid.shape) - x.max(0)
     return bool((np.minimum(low, high) < BESIDE * grid.steps).any())
 
 
 def kept_within(level: Evaluate, grid: Grid) -> Evaluate | None:
     """`level` with all that is beyond the grid's sides outside, half a cell early; None where the
     two signs share the sides in such a way that outside cannot be told."""
-    low, high = grid.origin, grid.origin + grid.shape * grid.steps
+    low, high = grid.origin, grid.points(grid.shape)
     negative = _negative(level, low, high)
     if ACCIDENT < negative < 1 - ACCIDENT:
         return None

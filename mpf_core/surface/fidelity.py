@@ -28,7 +28,7 @@ from mpf_core.options import DataOptions
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import unit_normals
 from mpf_core.surface.patches import NEIGHBOURS, Patches, patches_of, pull
-from mpf_core.surface.takeback import Crossings, Motion, allowed_share
+from mpf_core.surface.takeback import MOST_FACES, Crossings, Motion, allowed_share
 
 STEPS = 2  # moves onto the surface; the second is already a tenth of the first
 FARTHEST = 1.0  # local spacings that a vertex moves at most, and thicknesses of the field's shell
@@ -41,8 +41,8 @@ Indices = NDArray[np.int64]
 
 
 # A mesh of 900 000 faces took 45 to 55 s on a busy machine, which no preset's time has room for.
-# What `coarsen` leaves, WORTH times its MOST faces, has fewer vertices.
-MOST_VERTICES = 350_000
+# What `coarsen` leaves, WORTH times its MOST faces, has fewer vertices: half of its faces.
+MOST_VERTICES = MOST_FACES // 2
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ distance: the others and what is near them is looked at first, the whole mesh on
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +47,10 @@ class Motion:
         """The mesh when each vertex takes its `share` (v,) of the step."""
         return Mesh(self.vertices + share[:, None] * self.step, self.faces)
 
+    def moving(self, share: Array, faces: Indices) -> NDArray[np.bool_]:
+        """(f,) whether a corner of each of `faces` (f, 3) goes anywhere with its `share` (v,)."""
+        return np.asarray(((share > 0) & self.step.any(1))[faces].any(1))
+
 
 def allowed_share(motion: Motion, crossings: Crossings) -> Array:
     """(v,) share in [0, 1] of its step that each vertex may take; all zero if none is safe."""
@@ -73,7 +77,7 @@ def allowed_share(motion: Motion, crossings: Crossings) -> Array:
             share[_beside(motion.faces[reached[motion.faces].any(1)], ring)] = 0.0
         # The rest was found sound where it is; what moved back may have met others.
         moved = np.flatnonzero((share != before)[motion.faces].any(1))
-        near = _around(motion.at(share), moved, np.arange(len(motion.faces)))
+        near = _around(motion.at(share), moved)
     return _given_up(motion, share, near, crossings)
 
 
@@ -92,31 +96,36 @@ def _given_up(motion: Motion, share: Array, near: Indices, crossings: Crossings)
         corners = np.unique(motion.faces[bad])
         longest = np.linalg.norm(motion.step[corners], axis=1).max()
         found = motion.vertices[corners]
-        least = max(_reach(motion.at(0 * share), near), float(longest))
+        least = max(_reach(Mesh(motion.vertices, motion.faces), near), float(longest))
         radius = np.concatenate([radius, _wider(marks, radius, found, least)])
         marks = np.concatenate([marks, found])
         before, share = share, most * _ramp(marks, radius, motion.vertices)
         changed = np.flatnonzero((share != before)[motion.faces].any(1))
-        near = _around(motion.at(share), changed, np.arange(len(motion.faces)))
+        near = _around(motion.at(share), changed)
     return share * (len(_spoilt_anywhere(motion, share, near, crossings)[1]) == 0)
 
 
 def _wider(marks: Array, radius: Array, found: Array, least: float) -> Array:
     """(k,) radius for each of `found` (k, 3): twice that of the mark (m, 3) about which it lies."""
     wide = np.full(len(found), least)
-    for size in np.unique(radius):
-        inside = np.isfinite(distance_within(cKDTree(marks[radius == size]), found, 2 * size, 1))
-        wide[inside] = np.maximum(wide[inside], 2 * size)
+    for size, distance in _from_marks(marks, radius, found):
+        wide = np.where(np.isfinite(distance), np.maximum(wide, 2 * size), wide)
     return wide
 
 
 def _ramp(marks: Array, radius: Array, x: Array) -> Array:
     """(n,) at x (n, 3): 0 within the radius of a mark, 1 from twice that on."""
     share = np.ones(len(x))
-    for size in np.unique(radius):
-        distance = distance_within(cKDTree(marks[radius == size]), x, 2 * size, 1)
+    for size, distance in _from_marks(marks, radius, x):
         share = np.minimum(share, np.clip(distance / size - 1, 0, 1))
     return share
+
+
+def _from_marks(marks: Array, radius: Array, x: Array) -> Iterator[tuple[float, Array]]:
+    """Each radius with (n,) the distance from x to the nearest of its marks, infinite from twice
+    that on."""
+    for size in np.unique(radius):
+        yield size, distance_within(cKDTree(marks[radius == size]), x, 2 * size, 1)
 
 
 def _beside(faces: Indices, ring: sparse.csr_array) -> NDArray[np.bool_]:
@@ -136,14 +145,15 @@ def _suspects(motion: Motion, share: Array) -> Indices:
     risky |= np.einsum("fi,fi->f", after, before) <= 0
     risky |= area < FLAT * np.linalg.norm(before, axis=1)
     risky |= ~(motion.settled & (share == 1))[mesh.faces].all(1)
-    risky &= ((share > 0) & motion.step.any(1))[mesh.faces].any(1)
-    return _around(mesh, np.flatnonzero(risky), np.arange(len(mesh.faces)))
+    risky &= motion.moving(share, mesh.faces)
+    return _around(mesh, np.flatnonzero(risky))
 
 
-def _around(mesh: Mesh, risky: Indices, among: Indices) -> Indices:
-    """Those of the faces `among` that are `risky` or near such a one."""
+def _around(mesh: Mesh, risky: Indices, among: Indices | None = None) -> Indices:
+    """Those of the faces `among`, of all if not given, that are `risky` or near such a one."""
     if not len(risky):
         return risky
+    among = np.arange(len(mesh.faces)) if among is None else among
     tree = cKDTree(mesh.vertices[mesh.faces[risky]].mean(1))
     middle = mesh.vertices[mesh.faces[among]].mean(1)
     return among[np.isfinite(distance_within(tree, middle, _reach(mesh, among), 1))]
@@ -162,9 +172,8 @@ def _spoilt_anywhere(
     bad = _spoilt(motion, share, near, crossings)
     if len(bad) or len(motion.faces) > MOST_FACES:
         return near, bad
-    everywhere = np.arange(len(motion.faces))
-    bad = _spoilt(motion, share, everywhere, crossings)
-    return _around(motion.at(share), bad, everywhere), bad
+    bad = _spoilt(motion, share, np.arange(len(motion.faces)), crossings)
+    return _around(motion.at(share), bad), bad
 
 
 def _spoilt(motion: Motion, share: Array, near: Indices, crossings: Crossings) -> Indices:
@@ -174,7 +183,7 @@ def _spoilt(motion: Motion, share: Array, near: Indices, crossings: Crossings) -
     faces = motion.faces[near]
     mesh = Mesh(motion.at(share).vertices, faces)
     after, before = face_crosses(mesh), face_crosses(Mesh(motion.vertices, faces))
-    moved = np.asarray(((share > 0) & motion.step.any(1))[faces].any(1))
+    moved = motion.moving(share, faces)
     folded = np.asarray(np.einsum("fi,fi->f", after, before) <= 0)
     folded |= np.linalg.norm(after, axis=1) < FLAT * np.linalg.norm(before, axis=1)
     pairs = crossings(mesh)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mpf_core.cloud.agreement import agreed
+from mpf_core.cloud.agreement import Agreement, agreed
 from mpf_core.cloud.neighbors import Neighborhoods, analyse
 from tests.mpf_core.clouds import plane, sampled, sphere
 
@@ -13,9 +13,16 @@ def spoilt(found: Neighborhoods, rows: NDArray[np.int64]) -> NDArray[np.float64]
     return normals
 
 
+def asked(
+    found: Neighborhoods, normals: NDArray[np.float64], fixed: NDArray[np.bool_] | bool = False
+) -> Agreement:
+    """Those around, about `normals` in the place of their own."""
+    fixed = np.broadcast_to(fixed, len(normals))
+    return agreed(found.points, normals, found.links, found.tree, fixed=fixed)
+
+
 def fitting(found: Neighborhoods, normals: NDArray[np.float64]) -> NDArray[np.bool_]:
-    fixed = np.ones(len(normals), dtype=bool)
-    return agreed(found.points, normals, found.links, found.tree, fixed=fixed).sure
+    return asked(found, normals, fixed=True).sure
 
 
 @pytest.mark.parametrize("radius", [1.0, 0.2])
@@ -48,9 +55,7 @@ def test_noise_makes_few_normals_unfit() -> None:
 def test_contradicted_normals_are_those_of_the_one_plane_around() -> None:
     found = analyse(plane(40))
     rows = np.arange(0, 1600, 60)
-    told = agreed(
-        found.points, spoilt(found, rows), found.links, found.tree, fixed=np.zeros(1600, dtype=bool)
-    )
+    told = asked(found, spoilt(found, rows))
     assert told.sure[rows].all()
     np.testing.assert_allclose(np.abs((told.normals * found.normals).sum(1)), 1, atol=1e-9)
 
@@ -59,9 +64,7 @@ def test_fixed_normals_stay_and_are_not_sure() -> None:
     found = analyse(plane(40))
     rows = np.arange(0, 1600, 60)
     before = spoilt(found, rows)
-    told = agreed(
-        found.points, before, found.links, found.tree, fixed=np.isin(np.arange(1600), rows)
-    )
+    told = asked(found, before, fixed=np.isin(np.arange(1600), rows))
     np.testing.assert_array_equal(told.normals, before)
     assert told.sure[rows].mean() < 0.1
 
@@ -71,7 +74,7 @@ def test_a_noisy_cloud_is_left_as_it_is() -> None:
     found = analyse(sphere(2000) + rng.normal(size=(2000, 3)) * 0.02)
     rows = np.arange(0, 2000, 60)
     before = spoilt(found, rows)
-    told = agreed(found.points, before, found.links, found.tree, fixed=np.zeros(2000, dtype=bool))
+    told = asked(found, before)
     np.testing.assert_array_equal(told.normals, before)
 
 
