@@ -143,7 +143,13 @@ def _reconstructed(
 
     watch.enter("extract")
     fitted = FittedField(field, similarity, box, footprint)
-    taken = extract_mesh(fitted, options.surface, painted=painted, cancel=watch.cancel)
+    taken = extract_mesh(
+        fitted,
+        options.surface,
+        crossings=self_intersections,
+        painted=painted,
+        cancel=watch.cancel,
+    )
     watch.check()
     mesh, fidelity = onto_data(
         taken.mesh,

@@ -46,7 +46,7 @@ def extract(
     """
     options = options or SurfaceOptions()
     with workers(threads or torch.get_num_threads()):
-        taken = extract_mesh(fitted, options, cancel=cancel)
+        taken = extract_mesh(fitted, options, crossings=self_intersections, cancel=cancel)
         final = edited(taken.mesh, options, fitted, crossings=self_intersections)
     told = dict(final.edits)
     if final.double_cover is not None:

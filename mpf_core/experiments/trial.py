@@ -174,7 +174,7 @@ def mpf(points: NDArray[np.float64], trial: Trial) -> Outcome:
     told = ("timings", "extraction", "input", "fit", "surface")
     facts = {name: result.report[name] for name in told}
     with workers(options.threads or torch.get_num_threads()):
-        alone = extract_mesh(result.fitted, options.surface).mesh
+        alone = extract_mesh(result.fitted, options.surface, crossings=self_intersections).mesh
     return Outcome(result.mesh, facts, alone, seconds)
 
 

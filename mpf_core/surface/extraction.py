@@ -21,6 +21,8 @@ from mpf_core.surface.isosurface import Grid, Isosurface, extract
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.perforations import without_perforations
 from mpf_core.surface.resolution import Fineness, choose_resolution
+from mpf_core.surface.takeback import Crossings
+from mpf_core.surface.untangle import untangled
 
 Painted = tuple[cKDTree, NDArray[np.uint8]]
 
@@ -37,12 +39,14 @@ def extract_mesh(
     fitted: Fitted,
     options: SurfaceOptions,
     *,
+    crossings: Crossings,
     painted: Painted | None = None,
     cancel: CancelCheck | None = None,
 ) -> Extraction:
     """The zero level of the field as a mesh, on the threads of the caller's `parallel.workers`.
 
     The same field gives the same mesh bit for bit on the same number of threads.
+    crossings: finds pairs of faces that cross, which are then parted.
     painted: normalised samples with their colours; the footprint's if not given. Raises NoSurface,
     ResolutionTooHigh, Cancelled.
     """
@@ -63,6 +67,7 @@ def extract_mesh(
     fine = len(faces)
     if options.coarsen == "auto" and not asked:
         vertices, faces = coarsened(vertices, faces, footprint.spacing, fitted.networks)
+    vertices, untangled_faces = untangled(vertices, faces, crossings)
     if painted is None and footprint.colors is not None:
         painted = footprint.tree, footprint.colors
     mesh = finish(vertices, faces, fitted.gradient(), fitted.similarity, painted)
@@ -75,6 +80,7 @@ def extract_mesh(
         "crossed_cells": surface.crossed_cells,
         "perforations_closed": perforations,
         "floaters_removed": floaters,
+        "faces_untangled": untangled_faces,
         "faces_of_grid": fine,
         "bound": BOUND,
     }

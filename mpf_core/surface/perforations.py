@@ -21,11 +21,11 @@ from mpf_core.surface.cut import boundary_loops, pieces, used
 
 # What makes a tunnel's saddles: radians that the angles at a vertex exceed 2π by (4π in all), and
 # spacings between them. Narrow tunnels first, which wide groups would take together.
-PASSES = ((0.3, 0.5), (0.3, 1.0), (0.15, 0.75), (0.15, 1.5))
+PASSES = ((0.3, 0.25), (0.3, 0.5), (0.15, 0.75), (0.15, 1.5))
 AROUND = 16  # samples that tell the sheet
 FLAT = 0.45  # their spread across it over that along it, above which it is no sheet
 MARGINS = (0.15, 0.3, 0.5, 0.75, 1.0)  # spacings past its saddles within which a tunnel ends
-WIDEST = 2.0  # spacings from its middle: wider ones are left as they are
+WIDEST = 3.0  # spacings from its middle: caps over wider ones, which are flat, leave the sheet
 # Largest distance to the nearest sample over that to the last of AROUND: where samples leave out
 # more, as random ones hardly do once in ten thousand, the hole is the object's.
 LEFT_OUT = 0.6

@@ -70,14 +70,14 @@ def allowed_share(motion: Motion, crossings: Crossings) -> Array:
             share[reached] = np.minimum(share, ring @ share)[reached]
             # Only what has changed since can have become worse.
             changed = near[reached[motion.faces[near]].any(1)]
-            bad = _spoilt(motion, share, _around(motion.at(share), changed, near), crossings)
+            bad = _spoilt(motion, share, around(motion.at(share), changed, near), crossings)
             if not len(bad):
                 break
         else:
             share[_beside(motion.faces[reached[motion.faces].any(1)], ring)] = 0.0
         # The rest was found sound where it is; what moved back may have met others.
         moved = np.flatnonzero((share != before)[motion.faces].any(1))
-        near = _around(motion.at(share), moved)
+        near = around(motion.at(share), moved)
     return _given_up(motion, share, near, crossings)
 
 
@@ -101,7 +101,7 @@ def _given_up(motion: Motion, share: Array, near: Indices, crossings: Crossings)
         marks = np.concatenate([marks, found])
         before, share = share, most * _ramp(marks, radius, motion.vertices)
         changed = np.flatnonzero((share != before)[motion.faces].any(1))
-        near = _around(motion.at(share), changed)
+        near = around(motion.at(share), changed)
     return share * (len(_spoilt_anywhere(motion, share, near, crossings)[1]) == 0)
 
 
@@ -146,10 +146,10 @@ def _suspects(motion: Motion, share: Array) -> Indices:
     risky |= area < FLAT * np.linalg.norm(before, axis=1)
     risky |= ~(motion.settled & (share == 1))[mesh.faces].all(1)
     risky &= motion.moving(share, mesh.faces)
-    return _around(mesh, np.flatnonzero(risky))
+    return around(mesh, np.flatnonzero(risky))
 
 
-def _around(mesh: Mesh, risky: Indices, among: Indices | None = None) -> Indices:
+def around(mesh: Mesh, risky: Indices, among: Indices | None = None) -> Indices:
     """Those of the faces `among`, of all if not given, that are `risky` or near such a one."""
     if not len(risky):
         return risky
@@ -173,7 +173,7 @@ def _spoilt_anywhere(
     if len(bad) or len(motion.faces) > MOST_FACES:
         return near, bad
     bad = _spoilt(motion, share, np.arange(len(motion.faces)), crossings)
-    return _around(motion.at(share), bad), bad
+    return around(motion.at(share), bad), bad
 
 
 def _spoilt(motion: Motion, share: Array, near: Indices, crossings: Crossings) -> Indices:
