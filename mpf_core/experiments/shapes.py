@@ -103,13 +103,16 @@ def shape(name: str) -> Mesh:
     return normalised(SHAPES[name].build())
 
 
-@cache
 def whole(name: str, thickness: float = 0.0) -> Mesh:
     """What a surface of a cloud of `shape(name)` is compared to: the shape, with what scans of it
     lack, or both sides of a wall this thick about it; not to be changed in place."""
+    return _single(name) if thickness == 0 else _both_sides(_single(name), thickness)
+
+
+@cache
+def _single(name: str) -> Mesh:
     build = SHAPES[name].whole if name in SHAPES else None
-    mesh = shape(name) if build is None else normalised(build())
-    return mesh if thickness == 0 else _both_sides(mesh, thickness)
+    return shape(name) if build is None else normalised(build())
 
 
 def _both_sides(mesh: Mesh, thickness: float) -> Mesh:

@@ -78,6 +78,7 @@ def extract_mesh(
         "cell": fitted.similarity.length_to_input(surface.grid.cell),
         "evaluations": surface.evaluations,
         "crossed_cells": surface.crossed_cells,
+        "ended_at_sides": surface.ended_at_sides,
         "perforations_closed": perforations,
         "floaters_removed": floaters,
         "faces_untangled": untangled_faces,
@@ -100,7 +101,8 @@ def _zero_level(
             if within is not None:
                 before = surface.evaluations
                 surface = extract(within, grid, footprint.tree, reach=reach, cancel=cancel)
-                surface = replace(surface, evaluations=before + surface.evaluations)
+                evaluations = before + surface.evaluations
+                surface = replace(surface, evaluations=evaluations, ended_at_sides=True)
         except ResolutionTooHigh:
             if asked:
                 raise

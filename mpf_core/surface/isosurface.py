@@ -36,7 +36,8 @@ class Isosurface:
     """Triangles in the normalised frame, with what the extraction cost.
 
     vertices: (v, 3) float64; faces: (f, 3) counter-clockwise seen from θ > 0; evaluations: of θ,
-    those on the edges included; crossed_cells: finest cells with both signs at their corners.
+    those on the edges included; crossed_cells: finest cells with both signs at their corners;
+    ended_at_sides: whether it left the grid and was closed there.
     """
 
     vertices: NDArray[np.float64]
@@ -44,6 +45,7 @@ class Isosurface:
     grid: Grid
     evaluations: int
     crossed_cells: int
+    ended_at_sides: bool = False
 
 
 def extract(
