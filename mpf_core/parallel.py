@@ -17,6 +17,8 @@ from typing import TypeVar
 
 import torch
 
+from mpf_core.heeding import handed_on
+
 S = TypeVar("S")
 T = TypeVar("T")
 
@@ -71,7 +73,7 @@ def mapped(job: Callable[[S], T], items: Iterable[S]) -> list[T]:
     # A thread of ours that waited for the others would wait for itself.
     if _executor is None or getattr(_ours, "prepared", False):
         return [job(item) for item in items]
-    return list(_executor.map(job, items))
+    return list(_executor.map(lambda call: call(), handed_on(job, items)))
 
 
 def _parts(size: int, count: int) -> Sequence[slice]:

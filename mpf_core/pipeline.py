@@ -36,6 +36,7 @@ from mpf_core.field.precision import products_in
 from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.sampler import paper_pools, pool_size, warm_pools
 from mpf_core.fit.trainer import FitLog, fit_field
+from mpf_core.heeding import heeding
 from mpf_core.known import known_of
 from mpf_core.options import Options
 from mpf_core.parallel import workers
@@ -93,7 +94,7 @@ def reconstruct(
 def reconstruct_cloud(cloud: PointCloud, options: Options, watch: Watch) -> Reconstruction:
     """The pipeline itself."""
     threads = options.threads or torch.get_num_threads()
-    with workers(threads):
+    with workers(threads), heeding(watch.check):
         return _reconstructed(cloud, options, watch, threads)
 
 
@@ -106,6 +107,7 @@ def _reconstructed(
     cloud = prepared.cloud
     similarity = Similarity.of(cloud.points)
     samples = similarity.to_normalised(cloud.points)
+    watch.check()
     input_tree = cKDTree(samples)
     spacing = median_spacing(input_tree, threads)
     known = known_of(samples, options, watch, threads)

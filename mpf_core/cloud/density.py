@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mpf_core.heeding import heed
+
 _PATCH = 16  # neighbours in whose plane a normal is fitted
 _LINKS = 9  # neighbours whose normals are compared
 _SAME = float(np.cos(np.radians(30)))
@@ -53,6 +55,7 @@ def measure_density(points: NDArray[np.float64], *, sample: int = 2000, seed: in
     local = (points - low) / side  # squares of raw coordinates may lose all their digits
     # Neither balanced nor compact: a few thousand questions do not repay the building.
     tree = cKDTree(local, balanced_tree=False, compact_nodes=False)
+    heed()
     rng = np.random.default_rng(seed)
     picked = rng.choice(len(local), min(sample, len(local)), replace=False)
     distance, index = _nearest(tree, local[picked])

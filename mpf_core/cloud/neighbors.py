@@ -17,6 +17,7 @@ from mpf_core.cloud.angles import widest_gap
 from mpf_core.cloud.features import sharpened
 from mpf_core.cloud.layers import split
 from mpf_core.cloud.rods import find_rods
+from mpf_core.heeding import heed
 
 NEAREST = 50  # the farthest neighbour that the paper's near-surface sampling asks for
 SPACING_NEIGHBOUR = 6  # distance to it ≈ 1.4 × the mean gap between samples of a surface
@@ -35,12 +36,14 @@ Indices = NDArray[np.int64]
 
 def nearest(tree: cKDTree, x: Array, count: int, threads: int = -1) -> tuple[Array, Indices]:
     """Distances and indices (m, count) of the samples nearest to x (m, 3), in that order."""
+    heed()
     distance, index = tree.query(x, list(range(1, count + 1)), workers=threads)
     return np.asarray(distance), np.asarray(index, dtype=np.int64)
 
 
 def distance_within(tree: cKDTree, x: Array, bound: float, threads: int = -1) -> Array:
     """(m,) distance to the nearest sample, infinity beyond `bound`: much faster than without."""
+    heed()
     distance, _ = tree.query(x, distance_upper_bound=bound, workers=threads)
     return np.asarray(distance)
 

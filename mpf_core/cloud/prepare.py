@@ -13,6 +13,7 @@ from mpf_core.cloud.errors import NoExtent
 from mpf_core.cloud.limits import DEFAULT_LIMITS, MINIMUM_POINTS
 from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.errors import Collinear, NotFinite, TooLarge, TooSmall
+from mpf_core.heeding import heed
 
 _LARGEST_COORDINATE = 1e100  # beyond it squares overflow; no unit of length reaches there
 _SMALLEST_SIDE = 1e-100
@@ -76,6 +77,7 @@ def prepare(cloud: PointCloud, options: PrepareOptions | None = None) -> Prepare
     _refuse_small(received, "points")
     cloud, not_finite = _without_not_finite(cloud, options.max_not_finite)
     cloud, duplicates = _without_duplicates(cloud)
+    heed()
     _refuse_small(len(cloud), "distinct points")
     _refuse_line(cloud.points)
     outliers = 0

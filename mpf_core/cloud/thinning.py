@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mpf_core.heeding import heed
+
 # Their spacing on a normalised surface is about 0.008, below what the field's network resolves;
 # analysing them takes seconds and some 200 MiB.
 ANALYSED = 200_000
@@ -27,6 +29,7 @@ def one_of_each_voxel(points: Array, most: int) -> tuple[NDArray[np.int64], floa
     best: tuple[NDArray[np.int64], float] | None = None
     rounds = 0
     while best is None or (rounds < ROUNDS and len(best[0]) < FEW * most):
+        heed()
         rounds += 1
         cells = np.floor((points - low) / pitch).astype(np.int64)
         keys = (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]

@@ -28,6 +28,7 @@ from mpf_core.fit.freespace import (
     FreeSpace,
     beside_inside,
 )
+from mpf_core.heeding import heed
 
 COARSE = 3  # voxels per evaluation of the winding number, along each axis
 INVENTED = 0.12  # largest share of the boundary without samples
@@ -37,6 +38,7 @@ CRACK = 0.01  # share up to which a lid is a crack between discs, whatever the s
 TOWARDS, ACROSS = 0.35, -0.2
 # Voxels and spacings from a sample within which its normal tells the side.
 NEAR, PAST = 1.5, 0.9
+MANY = 100_000  # samples from which a tree over all of them takes seconds
 SHARP = 0.7  # winding number that the middle of a body must reach
 
 Array = NDArray[np.float64]
@@ -87,8 +89,7 @@ def settle(
     doubtful = (distance[:, 0] > far) & solid[closest[:, 0]]
     if not doubtful.any():
         return space
-    area = np.pi * neighbours.disc_radius[solid] ** 2 / DISC_NEIGHBOUR
-    winding = igl.fast_winding_number(neighbours.points[solid], normals[solid], area, at[doubtful])
+    winding = _winding_at(at[doubtful], neighbours, normals, space.voxel, solid)
     labels = space.labels.copy()
     labels[tuple(index[doubtful].T)] = np.where(winding > 0.5, INSIDE, OUTSIDE)
     return replace(space, labels=labels, near_inside=beside_inside(labels))
@@ -99,11 +100,40 @@ def _winding(neighbours: Neighborhoods, normals: Array, space: FreeSpace) -> NDA
     size = space.labels.shape[0]
     axis = np.linspace(0, size - 1, -(-size // COARSE))
     grid = space.position(np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3))
-    area = np.pi * neighbours.disc_radius**2 / DISC_NEIGHBOUR
-    values = igl.fast_winding_number(neighbours.points, normals, area, grid)
+    every = np.ones(len(normals), dtype=bool)
+    values = _winding_at(grid, neighbours, normals, space.voxel, every)
     coarse = values.reshape((len(axis),) * 3).astype(np.float32)
     fine: NDArray[np.float32] = ndimage.zoom(coarse, size / len(axis), order=1, grid_mode=False)
     return fine[:size, :size, :size]
+
+
+def _winding_at(
+    x: Array, neighbours: Neighborhoods, normals: Array, voxel: float, which: NDArray[np.bool_]
+) -> Array:
+    """(m,) the winding number at x (m, 3) of those samples `which` (n,), each a disc of its share
+    of the surface."""
+    heed()
+    points = neighbours.points[which]
+    area = np.pi * neighbours.disc_radius[which] ** 2 / DISC_NEIGHBOUR
+    discs = normals[which] * area[:, None]
+    if len(points) > MANY:
+        points, discs, area = _merged(points, discs, area, voxel)
+    size = np.linalg.norm(discs, axis=1)
+    facing = discs / np.maximum(size, 1e-300)[:, None]
+    return np.asarray(igl.fast_winding_number(points, facing, size, x))
+
+
+def _merged(points: Array, discs: Array, area: Array, voxel: float) -> tuple[Array, Array, Array]:
+    """Those discs (n, 3) that share a voxel as one, at their middle: what is asked for lies on a
+    grid of voxels, and from there they look the same."""
+    cell = np.floor((points - points.min(0)) / voxel).astype(np.int64)
+    _, own = np.unique(cell @ (1, 1 << 20, 1 << 40), return_inverse=True)
+    total = np.bincount(own, area)
+
+    def added(values: Array) -> Array:
+        return np.stack([np.bincount(own, values[:, i]) for i in range(3)], axis=1).astype(float)
+
+    return added(points * area[:, None]) / total[:, None], added(discs), total.astype(float)
 
 
 def _lid(region: NDArray[np.bool_], empty: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], float]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mpf_core.heeding import heed
 from mpf_core.surface.mesh import Mesh
 
 # A vertex nearer to a triangle's plane than this share of the triangle's size is on the plane.
@@ -41,6 +42,7 @@ def overlapping_boxes(corners: Corners) -> Iterator[Pairs]:
     levels = _box_tree(corners[order].min(axis=1), corners[order].max(axis=1))
     waiting = [(0, np.zeros((1, 2), np.int64))]
     while waiting:
+        heed()
         depth, pairs = waiting.pop()
         low, high = levels[depth]
         for axis in range(3):

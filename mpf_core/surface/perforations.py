@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from mpf_core.cloud.angles import widest_gap
 from mpf_core.cloud.neighbors import OPEN_ANGLE, nearest, principal_axes
+from mpf_core.heeding import heed
 from mpf_core.surface.cut import boundary_loops, pieces, used
 
 # What makes a tunnel's saddles: radians that the angles at a vertex exceed 2π by (4π in all), and
@@ -44,6 +45,7 @@ def without_perforations(
     """
     closed, angles = 0, _angles(vertices, faces)
     for excess, together in PASSES:
+        heed()
         saddles = vertices[angles > 2 * np.pi + excess]
         tunnels = _tunnels(saddles, samples, together * spacing)
         vertices, faces, count = _capped(vertices, faces, tunnels, spacing)

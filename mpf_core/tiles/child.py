@@ -22,6 +22,7 @@ from mpf_core.fit.inherited import inherited
 from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.sampler import pool_size, warm_pools
 from mpf_core.fit.trainer import FEWEST, fit_field
+from mpf_core.heeding import heeding
 from mpf_core.known import Known, known_of
 from mpf_core.options import Options
 from mpf_core.outputs import write_report
@@ -69,7 +70,7 @@ def fit_tile_file(
     watch.enter("read")
     tile = read_tile(tile_path)
     threads = options.threads or torch.get_num_threads()
-    with workers(threads):
+    with workers(threads), heeding(watch.check):
         report = _fitted(tile, out, options, watch, threads)
     report["timings"] = dict(watch.seconds)
     write_report(report, out / REPORT)

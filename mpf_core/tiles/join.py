@@ -23,6 +23,7 @@ from mpf_core.field.blend import BlendedField, Tile
 from mpf_core.field.fitted import FittedField
 from mpf_core.field.footprint import Footprint
 from mpf_core.field.header import number, whole
+from mpf_core.heeding import heeding
 from mpf_core.options import Options
 from mpf_core.outputs import write_result
 from mpf_core.parallel import workers
@@ -82,7 +83,7 @@ def joined(
 ) -> TiledReconstruction:
     """The same without writing."""
     threads = options.threads or torch.get_num_threads()
-    with workers(threads):
+    with workers(threads), heeding(watch.check):
         watch.enter("read")
         plan = read_plan(plan_dir)
         fields = [load_field(path) for path in field_paths]

@@ -22,6 +22,7 @@ from mpf_core.files import write_atomically
 from mpf_core.fit.freespace import HALF_BOX
 from mpf_core.fit.inherited import Phase
 from mpf_core.fit.initialize import SHELL, Initialization
+from mpf_core.heeding import heeding
 from mpf_core.known import known_of
 from mpf_core.options import Options
 from mpf_core.parallel import workers
@@ -60,7 +61,7 @@ def split_file(
     threads = options.threads or torch.get_num_threads()
     watch.enter("read")
     cloud = read_cloud(Path(cloud_path))
-    with workers(threads):
+    with workers(threads), heeding(watch.check):
         watch.enter("prepare")
         cloud, preparation = prepared(cloud, options)
         similarity = Similarity.of(cloud.points)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mpf_core.cloud.neighbors import Neighborhoods
+from mpf_core.fit import closure
 from mpf_core.fit.closure import close_gaps
 from mpf_core.fit.freespace import INSIDE, FreeSpace
 from mpf_core.fit.initialize import Initialization
@@ -53,3 +54,21 @@ def test_the_warm_start_closes_the_gap_and_not_the_bowl(start: Start) -> None:
     assert start("gap").seeded > 0.8
     assert start("hemisphere").space.enclosures == 0
     assert start("hemisphere").seeded == 0
+
+
+def test_discs_merged_by_voxels_wind_around_the_same(
+    neighbours: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cloud = neighbours("gap")
+    normals = outward(cloud)
+    x = np.random.default_rng(0).uniform(-1, 1, (2000, 3))
+    x = x[np.abs(np.linalg.norm(x, axis=1) - RADIUS) > 0.3]
+    every = np.ones(len(normals), dtype=bool)
+    apart = closure._winding_at(x, cloud, normals, 0.12, every)
+    monkeypatch.setattr(closure, "MANY", 0)
+    merged = closure._winding_at(x, cloud, normals, 0.12, every)
+    assert 0 < np.abs(merged - apart).max() < 0.02
+    area = np.ones(len(normals))
+    middles, _, total = closure._merged(cloud.points, normals, area, 0.12)
+    assert len(middles) < len(normals) / 2
+    assert total.sum() == pytest.approx(len(normals))

@@ -1,0 +1,92 @@
+"""A wish to stop is heard inside of what knows nothing of it, on every thread."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from mpf_core.cloud.neighbors import analyse
+from mpf_core.errors import Cancelled
+from mpf_core.heeding import heed, heeding
+from mpf_core.parallel import mapped, workers
+from tests.mpf_core.clouds import sphere
+
+
+class Wish:
+    """Raises Cancelled from the call after `patience` on."""
+
+    def __init__(self, patience: int):
+        self.patience, self.calls = patience, 0
+
+    def __call__(self) -> None:
+        self.calls += 1
+        if self.calls > self.patience:
+            raise Cancelled("enough", where="here")
+
+
+def test_outside_of_any_nothing_is_heeded() -> None:
+    heed()
+    with heeding(Wish(0)):
+        pass
+    heed()
+
+
+def test_the_innermost_is_heeded_and_then_the_one_around() -> None:
+    outer, inner = Wish(9), Wish(9)
+    with heeding(outer):
+        with heeding(inner):
+            heed()
+        heed()
+    assert (outer.calls, inner.calls) == (1, 1)
+
+
+def test_an_analysis_ends_in_its_midst() -> None:
+    whole, wish = Wish(10**6), Wish(1)
+    points = sphere(40_000)
+    with heeding(whole):
+        analyse(points, threads=1)
+    with heeding(wish), pytest.raises(Cancelled):
+        analyse(points, threads=1)
+    assert (wish.calls, whole.calls) == (2, 3)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_work_shared_between_threads_ends(threads: int) -> None:
+    done: list[int] = []
+    wish = Wish(5)
+
+    def job(item: int) -> int:
+        heed()
+        done.append(item)
+        return item
+
+    with workers(threads), heeding(wish), pytest.raises(Cancelled):
+        mapped(job, range(100))
+    assert len(done) <= 5
+
+
+def test_threads_of_others_heed_nothing() -> None:
+    heard = []
+
+    def other(job: Callable[[], None]) -> None:
+        try:
+            job()
+        except Cancelled as error:
+            heard.append(error)
+
+    with heeding(Wish(0)):
+        thread = threading.Thread(target=other, args=(heed,))
+        thread.start()
+        thread.join()
+    assert not heard
+
+
+def test_results_do_not_depend_on_being_heeded() -> None:
+    points = sphere(2000)
+    alone = analyse(points, threads=2)
+    with heeding(Wish(10**6)):
+        heeded = analyse(points, threads=2)
+    assert np.array_equal(alone.normals, heeded.normals)
