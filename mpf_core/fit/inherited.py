@@ -27,7 +27,7 @@ from mpf_core.fit.freespace import (
 )
 from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.localfit import LocalFit
-from mpf_core.fit.orientation import orient
+from mpf_core.fit.orientation import HINT, orient
 from mpf_core.fit.sides import Sides
 
 ASKED = 3  # samples of the whole that must agree on the side of one of the tile
@@ -79,10 +79,10 @@ def inherited(neighbours: Neighborhoods, phase: Phase, *, threads: int = -1) -> 
 
 def _seeds(neighbours: Neighborhoods, normals: Array) -> Array:
     """(n,) sides by the nearest normals (n, k, 3) of the whole, 0 where these are not of one mind;
-    samples of thin walls face away from the other side already."""
+    there samples of thin walls face away from the other side, as a hint."""
     cosine = np.einsum("nki,ni->nk", normals, neighbours.normals)
     agreed = (cosine > SURE).all(1).astype(np.float64) - (cosine < -SURE).all(1)
-    return np.where(neighbours.layered, 1.0, agreed)
+    return np.where(neighbours.layered & (agreed == 0), HINT, agreed)
 
 
 def _space(

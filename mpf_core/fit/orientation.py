@@ -1,11 +1,13 @@
-"""Consistent orientation of PCA normals: a spanning tree over tangent planes (Hoppe et al. 1992).
+"""Consistent orientation of PCA normals: pieces that grow together by the evidence between them.
 
 Two neighbours agree if one's normal, mirrored in the plane half way between them, looks the way of
 the other's (König & Gumhold 2009): across the edge of two faces too, where the normals themselves
-are perpendicular and tell nothing.
+are perpendicular and tell nothing. A spanning tree of such links (Hoppe et al. 1992) turns all that
+hangs on a single wrong one; here every piece joins the one to which the sum of its links, for or
+against, is largest, all pieces at once as in Borůvka's trees, until none is left to join.
 
-Enclosed space seeds the tree with outward signs; where nothing is enclosed each connected piece
-keeps one consistent, arbitrary side.
+Enclosed space tells which side is outward; where nothing is enclosed each connected piece keeps one
+consistent, arbitrary side.
 """
 
 from __future__ import annotations
@@ -18,14 +20,21 @@ from scipy.sparse import csgraph
 from mpf_core.cloud.neighbors import Neighborhoods
 from mpf_core.fit.freespace import INSIDE, FreeSpace
 
+HINT = 0.4  # of a link's evidence: that the normal of a thin wall leaves it
+SWEEPS = 10  # over what is left against its links
+LEAST = 1e-6  # of evidence that a link gives, so that no neighbour stays apart
+
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 def outward_seeds(neighbours: Neighborhoods, space: FreeSpace) -> Array:
-    """(n,) positive where the PCA normal leaves enclosed space, negative where it enters, or 0.
+    """(n,) evidence that the PCA normal is outward, negative that it is inward, 0 where there is
+    none; in links.
 
-    The normal of a sample on a thin wall leaves the wall, unless enclosed space lies there: then
-    the wall is a crack between two bodies.
+    Enclosed space is worth more than any link. The normal of a sample on a thin wall leaves the
+    wall, unless enclosed space lies there: then the wall is a crack between two bodies. That is a
+    hint: in a sheet's tight folds it is so on alternate sides.
     """
     votes, outward = np.zeros(len(neighbours.points)), np.zeros(len(neighbours.points))
     for steps in (1.5, 2.5, 4.0):
@@ -34,52 +43,113 @@ def outward_seeds(neighbours: Neighborhoods, space: FreeSpace) -> Array:
             inside = space.label_at(probe) == INSIDE
             votes -= side * inside
             outward += inside if side > 0 else 0.0
-    return np.where(neighbours.layered, np.where(outward > 1, -1.0, 1.0), votes)
+    return np.where(neighbours.layered, np.where(outward > 1, -HINT, HINT), votes)
 
 
 def orient(neighbours: Neighborhoods, seeds: Array) -> Array:
-    """(n, 3) normals with signs that agree along a minimum spanning tree from the seeds."""
-    n, normals = len(neighbours.points), neighbours.normals
-    tree = _spanning_tree(neighbours, seeds)
-    # Pieces without a seed hang under the virtual root n by their first sample, sign kept.
-    _, piece = csgraph.connected_components(tree, directed=False)
-    first = np.unique(piece, return_index=True)[1]
-    first = first[(first < n) & (piece[first] != piece[n])]
-    ones = np.ones(len(first))
-    roots = sparse.coo_array((ones, (np.full(len(first), n), first)), shape=tree.shape).tocsr()
-    _, parent = csgraph.breadth_first_order(tree + roots, n, directed=False)
-    child = np.arange(n)
-    above = parent[:n]
-    hung = above == n
-    agree = _agreement(neighbours, child, np.where(hung, 0, above))
-    seed_sign = np.where(seeds < 0, -1.0, 1.0)
-    sign = np.append(np.where(hung, seed_sign, np.where(agree < 0, -1.0, 1.0)), 1.0)
-    parent[n] = n
-    return normals * _product_to_root(sign, parent)[:n, None]
+    """(n, 3) normals with signs that agree, by the evidence of `seeds` (n,) outward; a piece that
+    has none keeps the sign of its first sample."""
+    return neighbours.normals * agreed_signs(_evidence(neighbours, seeds))[:, None]
 
 
-def _spanning_tree(neighbours: Neighborhoods, seeds: Array) -> sparse.csr_array:
-    """Minimum spanning tree; edges are cheap between samples that share a tangent plane."""
-    n, normals, points = len(neighbours.points), neighbours.normals, neighbours.points
+def agreed_signs(evidence: sparse.csr_array) -> Array:
+    """(n,) signs ±1 with which symmetric evidence (n + 1, n + 1) holds as far as it can; the last
+    is the root, whose sign is +1, and a piece not joined to it keeps that of its first."""
+    n, links = evidence.shape[0] - 1, evidence
+    sign, piece = np.ones(n + 1), np.arange(n + 1)
+    while evidence.nnz:
+        flip, joined = _joined(evidence)
+        members = sparse.csr_array((flip, (np.arange(len(flip)), joined)))
+        evidence = _without_own((members.T @ evidence @ members).tocsr())
+        sign *= flip[piece]
+        piece = joined[piece]
+    _, first = np.unique(piece, return_index=True)
+    known = sign[first]
+    known[piece[n]] = sign[n]  # what hangs on a seed has the seed's
+    sign = _settled(links, sign * known[piece])
+    agreed: Array = sign[:n] * sign[n]
+    return agreed
+
+
+def _settled(evidence: sparse.csr_array, sign: Array) -> Array:
+    """`sign` (k,) with those turned over, one by one, whose own links are against them on the
+    whole: what joined first did so by a single link."""
+    for _ in range(SWEEPS):
+        against = -sign * (evidence @ sign)
+        worst = _largest_beside(evidence, against)
+        turned = (against > 0) & (against > worst)
+        if not turned.any():
+            break
+        sign = np.where(turned, -sign, sign)
+    return sign
+
+
+def _largest_beside(evidence: sparse.csr_array, values: Array) -> Array:
+    """(k,) the largest of `values` (k,) among those linked to each, −∞ where none is."""
+    some = np.flatnonzero(np.diff(evidence.indptr))
+    largest = np.full(len(values), -np.inf)
+    largest[some] = np.maximum.reduceat(values[evidence.indices], evidence.indptr[some])
+    return largest
+
+
+def _evidence(neighbours: Neighborhoods, seeds: Array) -> sparse.csr_array:
+    """(n + 1, n + 1) symmetric: for each pair of linked samples how surely their normals have the
+    same side, negative if opposite ones; the last row is of the seeds.
+
+    Sure are links within a common tangent plane.
+    """
+    n, points = len(neighbours.points), neighbours.points
     tail = np.repeat(np.arange(n), neighbours.links.shape[1])
     head = neighbours.links.ravel().astype(np.int64)
+    agreement = _agreement(neighbours, tail, head)
     step = points[head] - points[tail]
-    bend = 1 - np.abs(_agreement(neighbours, tail, head))
-    climb = np.abs(np.einsum("ni,ni->n", step, normals[tail]))
-    cost = 1e-3 + bend + 0.5 * climb / (np.linalg.norm(step, axis=1) + 1e-12)
+    climb = np.abs(np.einsum("ni,ni->n", step, neighbours.normals[tail]))
+    climb /= np.linalg.norm(step, axis=1) + 1e-12
+    sure = np.maximum(np.abs(agreement) - 0.5 * climb, 0.0) ** 2 + LEAST
     seeded = np.flatnonzero(seeds)
     rows = np.concatenate([tail, np.full(len(seeded), n)])
     columns = np.concatenate([head, seeded])
-    costs = np.concatenate([cost, np.full(len(seeded), 1e-6)])
-    graph = sparse.coo_array((costs, (rows, columns)), shape=(n + 1, n + 1)).tocsr()
-    # coo → csr adds duplicates up; the graph has none, since a link is listed once per tail.
-    tree = csgraph.minimum_spanning_tree(graph.maximum(graph.T))
-    return sparse.csr_array(tree + tree.T)
+    values = np.concatenate([np.where(agreement < 0, -sure, sure), seeds[seeded]])
+    one_way = sparse.coo_array((values, (rows, columns)), shape=(n + 1, n + 1)).tocsr()
+    return _without_own((one_way + one_way.T).tocsr())
 
 
-def _agreement(
-    neighbours: Neighborhoods, tail: NDArray[np.int64], head: NDArray[np.int64]
-) -> Array:
+def _without_own(evidence: sparse.csr_array) -> sparse.csr_array:
+    """Without what pieces say of themselves, and where for and against are the same."""
+    evidence.setdiag(0.0)
+    evidence.eliminate_zeros()
+    return evidence
+
+
+def _joined(evidence: sparse.csr_array) -> tuple[Array, Indices]:
+    """Each piece with that for which its evidence is strongest: (k,) −1 where it has to turn over
+    for that, and (k,) numbers of the larger pieces."""
+    k = evidence.shape[0]
+    some = np.flatnonzero(np.diff(evidence.indptr))
+    strength = np.abs(evidence.data)
+    most = np.maximum.reduceat(strength, evidence.indptr[some])
+    count = np.diff(evidence.indptr)[some]
+    at = np.flatnonzero(strength == np.repeat(most, count))
+    rows = np.repeat(some, count)[at]
+    at = at[np.unique(rows, return_index=True)[1]]  # the first of equals
+    other = evidence.indices[at].astype(np.int64)
+    chosen = sparse.coo_array((np.ones(len(some)), (some, other)), shape=(k, k)).tocsr()
+    count_of, joined = csgraph.connected_components(chosen, directed=False)
+    # All trees hang under a virtual root by their first piece.
+    first = np.unique(joined, return_index=True)[1]
+    rows = np.concatenate([some, np.full(count_of, k)])
+    columns = np.concatenate([other, first])
+    forest = sparse.coo_array((np.ones(len(rows)), (rows, columns)), shape=(k + 1, k + 1))
+    _, above = csgraph.breadth_first_order(forest.tocsr(), k, directed=False)
+    parent = above.astype(np.int64)
+    parent[k] = k
+    sign = np.ones(k + 1)
+    under = np.flatnonzero(parent[:k] < k)
+    sign[under] = np.where(np.asarray(evidence[under, parent[under]]).ravel() < 0, -1.0, 1.0)
+    return _product_to_root(sign, parent)[:k], joined.astype(np.int64)
+
+
+def _agreement(neighbours: Neighborhoods, tail: Indices, head: Indices) -> Array:
     """(m,) cosine between the normals of samples `tail` (m,) and the mirrored ones of `head`."""
     step = neighbours.points[head] - neighbours.points[tail]
     step /= np.linalg.norm(step, axis=1, keepdims=True) + 1e-300
