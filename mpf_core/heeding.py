@@ -8,13 +8,16 @@ goes to call `heed` between two pieces of work; whoever began it all says what t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager
-from contextvars import ContextVar, copy_context
-from functools import partial
+from contextvars import ContextVar
+from threading import Event
 from typing import TypeVar
 
 S = TypeVar("S")
 T = TypeVar("T")
+
+PATIENCE = 0.2  # seconds between two looks while other threads work
 
 _check: ContextVar[Callable[[], None] | None] = ContextVar("check", default=None)
 
@@ -36,11 +39,39 @@ def heed() -> None:
         check()
 
 
-def handed_on(job: Callable[[S], T], items: Iterable[S]) -> list[Callable[[], T]]:
-    """`job` of each item as calls for other threads, which heed what the caller does."""
-    return [partial(copy_context().run, _heeded, job, item) for item in items]
+def together(executor: Executor, job: Callable[[S], T], items: Iterable[S]) -> list[T]:
+    """`job` of each item, in order, on the threads of `executor`. The caller alone is asked, while
+    it waits; they end where they heed when it does."""
+    ended = Event()
+
+    def end() -> None:
+        if ended.is_set():
+            raise _Ended
+
+    def one(item: S) -> T:
+        with heeding(end):
+            heed()
+            return job(item)
+
+    futures = [executor.submit(one, item) for item in items]
+    try:
+        return [_awaited(future) for future in futures]
+    except BaseException:
+        ended.set()
+        for future in futures:
+            future.cancel()
+        raise
 
 
-def _heeded(job: Callable[[S], T], item: S) -> T:
-    heed()
-    return job(item)
+class _Ended(Exception):
+    """The caller has gone: nobody waits for this any more."""
+
+
+def _awaited(future: Future[T]) -> T:
+    while True:
+        heed()
+        try:
+            return future.result(timeout=PATIENCE)
+        except TimeoutError:
+            if future.done():
+                raise

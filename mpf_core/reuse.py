@@ -14,6 +14,7 @@ from mpf_core.extraction_options import AXES, FIELDS, ExtractionOptions, extract
 from mpf_core.field.blendfile import load_field
 from mpf_core.field.fitted import Fitted
 from mpf_core.files import write_atomically
+from mpf_core.heeding import heeding
 from mpf_core.options import SurfaceOptions
 from mpf_core.outputs import write_report, write_stack
 from mpf_core.parallel import workers
@@ -45,7 +46,8 @@ def extract(
     ResolutionTooHigh, Cancelled.
     """
     options = options or SurfaceOptions()
-    with workers(threads or torch.get_num_threads()):
+    check = Watch(time.monotonic, None, cancel).check
+    with workers(threads or torch.get_num_threads()), heeding(check):
         taken = extract_mesh(fitted, options, crossings=self_intersections, cancel=cancel)
         final = edited(taken.mesh, options, fitted, crossings=self_intersections)
     told = dict(final.edits)

@@ -124,10 +124,12 @@ def _winding_at(
 
 
 def _merged(points: Array, discs: Array, area: Array, voxel: float) -> tuple[Array, Array, Array]:
-    """Those discs (n, 3) that share a voxel as one, at their middle: what is asked for lies on a
-    grid of voxels, and from there they look the same."""
+    """Those discs (n, 3) that share a voxel and a side as one, at their middle: what is asked for
+    lies on a coarser grid, and from two voxels on they look the same."""
     cell = np.floor((points - points.min(0)) / voxel).astype(np.int64)
-    _, own = np.unique(cell @ (1, 1 << 20, 1 << 40), return_inverse=True)
+    largest = np.abs(discs).argmax(1)
+    facing = np.take_along_axis(discs, largest[:, None], axis=1)[:, 0] > 0
+    _, own = np.unique(2 * (cell @ (1, 1 << 20, 1 << 40)) + facing, return_inverse=True)
     total = np.bincount(own, area)
 
     def added(values: Array) -> Array:

@@ -32,6 +32,7 @@ from mpf_core.fit.sides import Sides
 
 ASKED = 3  # samples of the whole that must agree on the side of one of the tile
 SURE = 0.5  # cosine of the normals from which they have a say
+TOLD = 20.0  # links: a side that the whole tells goes before all those of a sample
 
 Array = NDArray[np.float64]
 
@@ -82,7 +83,7 @@ def _seeds(neighbours: Neighborhoods, normals: Array) -> Array:
     there samples of thin walls face away from the other side, as a hint."""
     cosine = np.einsum("nki,ni->nk", normals, neighbours.normals)
     agreed = (cosine > SURE).all(1).astype(np.float64) - (cosine < -SURE).all(1)
-    return np.where(neighbours.layered & (agreed == 0), HINT, agreed)
+    return np.where(neighbours.layered & (agreed == 0), HINT, TOLD * agreed)
 
 
 def _space(

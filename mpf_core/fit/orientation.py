@@ -20,9 +20,12 @@ from scipy.sparse import csgraph
 from mpf_core.cloud.neighbors import Neighborhoods
 from mpf_core.fit.freespace import INSIDE, FreeSpace
 
-HINT = 0.4  # of a link's evidence: that the normal of a thin wall leaves it
+# Evidence is told in links that one sample has to another; between two that have each other it is
+# up to 2.
+HINT = 0.4  # that the normal of a thin wall leaves it
 SWEEPS = 10  # over what is left against its links
-LEAST = 1e-6  # of evidence that a link gives, so that no neighbour stays apart
+LEAST = 1e-6  # that a link gives, so that no neighbour stays apart
+NOTHING = 1e-9  # what is left by rounding where for and against are the same
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -30,9 +33,9 @@ Indices = NDArray[np.int64]
 
 def outward_seeds(neighbours: Neighborhoods, space: FreeSpace) -> Array:
     """(n,) evidence that the PCA normal is outward, negative that it is inward, 0 where there is
-    none; in links.
+    none.
 
-    Enclosed space is worth more than any link. The normal of a sample on a thin wall leaves the
+    Enclosed space has up to three votes. The normal of a sample on a thin wall leaves the
     wall, unless enclosed space lies there: then the wall is a crack between two bodies. That is a
     hint: in a sheet's tight folds it is so on alternate sides.
     """
@@ -63,21 +66,22 @@ def agreed_signs(evidence: sparse.csr_array) -> Array:
         evidence = _without_own((members.T @ evidence @ members).tocsr())
         sign *= flip[piece]
         piece = joined[piece]
+    sign = _settled(links, sign)
     _, first = np.unique(piece, return_index=True)
     known = sign[first]
     known[piece[n]] = sign[n]  # what hangs on a seed has the seed's
-    sign = _settled(links, sign * known[piece])
-    agreed: Array = sign[:n] * sign[n]
+    agreed: Array = (sign * known[piece])[:n]
     return agreed
 
 
 def _settled(evidence: sparse.csr_array, sign: Array) -> Array:
     """`sign` (k,) with those turned over, one by one, whose own links are against them on the
-    whole: what joined first did so by a single link."""
+    whole: what joined first did so by a single link. The root, which is the last, stays."""
     for _ in range(SWEEPS):
         against = -sign * (evidence @ sign)
         worst = _largest_beside(evidence, against)
         turned = (against > 0) & (against > worst)
+        turned[-1] = False
         if not turned.any():
             break
         sign = np.where(turned, -sign, sign)
@@ -117,6 +121,7 @@ def _evidence(neighbours: Neighborhoods, seeds: Array) -> sparse.csr_array:
 def _without_own(evidence: sparse.csr_array) -> sparse.csr_array:
     """Without what pieces say of themselves, and where for and against are the same."""
     evidence.setdiag(0.0)
+    evidence.data[np.abs(evidence.data) < NOTHING] = 0.0
     evidence.eliminate_zeros()
     return evidence
 

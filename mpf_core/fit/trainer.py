@@ -26,6 +26,7 @@ from mpf_core.fit.objective import Objective, Stage
 from mpf_core.fit.optimizers import Optimizer
 from mpf_core.fit.sampler import Pools
 from mpf_core.fit.schedule import Costs, Schedule
+from mpf_core.heeding import heeding
 from mpf_core.options import FitOptions
 from mpf_core.parallel import flushed_denormals
 from mpf_core.progress import CancelCheck, Clock
@@ -131,7 +132,9 @@ def fit_field(
     if control.checkpoint is not None:
         trainer.name = fingerprint(pools, options, seed, threads)
     try:
-        trainer.run(control)
+        # Cancelling ends a fit between two steps, where its state is whole and can be kept.
+        with heeding(lambda: None):
+            trainer.run(control)
     finally:
         forget_buffers()
     return trainer.field, log

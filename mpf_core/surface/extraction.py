@@ -46,7 +46,7 @@ def extract_mesh(
     """The zero level of the field as a mesh, on the threads of the caller's `parallel.workers`.
 
     The same field gives the same mesh bit for bit on the same number of threads.
-    crossings: finds pairs of faces that cross, which are then parted.
+    crossings: finds pairs of faces that cross, which are parted where they can be.
     painted: normalised samples with their colours; the footprint's if not given. Raises NoSurface,
     ResolutionTooHigh, Cancelled.
     """

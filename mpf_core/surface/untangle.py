@@ -23,26 +23,28 @@ Indices = NDArray[np.int64]
 
 
 def untangled(vertices: Array, faces: Indices, crossings: Crossings) -> tuple[Array, int]:
-    """The vertices (v, 3) where fewest triangles cross, and how many did before.
+    """The vertices (v, 3) where fewest triangles cross, and how many fewer than before.
 
     Only triangles near a sharp edge are looked at. `crossings` finds pairs of faces that cross.
     """
+    if not len(faces):
+        return vertices, 0
     near = around(Mesh(vertices, faces), _turning_back(vertices, faces))
     found = crossings(Mesh(vertices, faces[near]))
-    before, best = len(np.unique(found)), vertices
-    if not before:
+    if not len(found):
         return vertices, 0
-    fewest, mean = len(found), neighbours_of(faces, len(vertices))
+    before = left = len(np.unique(found))
+    best, fewest, mean = vertices, len(found), neighbours_of(faces, len(vertices))
     for _ in range(ROUNDS):
         corners = np.unique(faces[near][found.ravel()])
         vertices = vertices.copy()
         vertices[corners] = mean[corners] @ vertices
         found = crossings(Mesh(vertices, faces[near]))
         if len(found) < fewest:
-            fewest, best = len(found), vertices
+            fewest, best, left = len(found), vertices, len(np.unique(found))
         if not fewest:
             break
-    return best, before
+    return best, before - left
 
 
 def _turning_back(vertices: Array, faces: Indices) -> Indices:

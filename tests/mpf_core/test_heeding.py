@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -55,17 +56,37 @@ def test_an_analysis_ends_in_its_midst() -> None:
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_work_shared_between_threads_ends(threads: int) -> None:
+    """Between two of its parts, though these heed nothing, and only the caller is asked."""
     done: list[int] = []
-    wish = Wish(5)
+    asked: set[int] = set()
+    begin = time.monotonic()
 
-    def job(item: int) -> int:
-        heed()
+    def check() -> None:
+        asked.add(threading.get_ident())
+        if time.monotonic() - begin > 0.3:
+            raise Cancelled("enough", where="here")
+
+    def job(item: int) -> None:
+        time.sleep(0.05)
         done.append(item)
+
+    with workers(threads), heeding(check):
+        with pytest.raises(Cancelled):
+            mapped(job, range(200))
+        count = len(done)
+    assert asked == {threading.get_ident()}
+    assert count < 40
+    assert len(done) <= count + threads
+
+
+def test_what_a_job_raises_is_raised() -> None:
+    def job(item: int) -> int:
+        if item == 3:
+            raise TimeoutError("mine")
         return item
 
-    with workers(threads), heeding(wish), pytest.raises(Cancelled):
-        mapped(job, range(100))
-    assert len(done) <= 5
+    with workers(2), pytest.raises(TimeoutError, match="mine"):
+        mapped(job, range(10))
 
 
 def test_threads_of_others_heed_nothing() -> None:

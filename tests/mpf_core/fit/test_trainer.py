@@ -21,7 +21,9 @@ from mpf_core.fit.initialize import initialize
 from mpf_core.fit.sampler import Pools, warm_pools
 from mpf_core.fit.schedule import Costs, Schedule
 from mpf_core.fit.trainer import Control, FitLog, StepReport, Trainer, fit_field, wants_normals
+from mpf_core.heeding import heeding
 from mpf_core.options import FitOptions, options_from
+from mpf_core.parallel import workers
 from tests.mpf_core.clouds import sphere
 
 NEVER = 1e9
@@ -284,6 +286,25 @@ def test_a_fit_goes_on_from_its_checkpoint_to_the_same_result(tmp_path: Path, at
     assert 0 < after.resumed_from <= at
     assert same(whole, resumed)
     assert [e.losses for e in after.history] == [e.losses for e in log.history]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_cancelled_fit_keeps_its_state_between_two_steps(tmp_path: Path, threads: int) -> None:
+    """Nothing within a step heeds the wish to stop: half a step cannot be gone on from."""
+    wanted = False
+
+    def report(entry: StepReport) -> None:
+        nonlocal wanted
+        wanted = entry.iteration >= 60
+
+    def check() -> None:
+        raise AssertionError("asked in the midst of a step")
+
+    path = tmp_path / "state"
+    with workers(threads), heeding(check), pytest.raises(Cancelled) as caught:
+        fit(tiny(max_iterations=200), cancel=lambda: wanted, report=report, checkpoint=path)
+    assert caught.value.where == "iteration 60"
+    assert path.stat().st_size > 0
 
 
 @pytest.mark.parametrize("damage", ["cut", "other", "not one", "emptied"])

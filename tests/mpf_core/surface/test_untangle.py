@@ -36,6 +36,10 @@ def test_vertices_thrown_about_are_parted_where_they_cross() -> None:
     assert moved.sum() < 30
 
 
+def test_nothing_at_all_stays_nothing() -> None:
+    assert untangled(np.zeros((0, 3)), np.zeros((0, 3), np.int64), self_intersections)[1] == 0
+
+
 def test_what_has_no_sharp_edge_is_no_tangle() -> None:
     both = np.concatenate([VERTICES, VERTICES + np.array([0.5, 0.0, 0.0])])
     faces = np.concatenate([FACES, FACES + len(VERTICES)])
