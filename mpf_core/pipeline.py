@@ -145,13 +145,7 @@ def _reconstructed(
 
     watch.enter("extract")
     fitted = FittedField(field, similarity, box, footprint)
-    taken = extract_mesh(
-        fitted,
-        options.surface,
-        crossings=self_intersections,
-        painted=painted,
-        cancel=watch.cancel,
-    )
+    taken = extract_mesh(fitted, options.surface, crossings=self_intersections, painted=painted)
     watch.check()
     mesh, fidelity = onto_data(
         taken.mesh,

@@ -48,7 +48,7 @@ def extract(
     options = options or SurfaceOptions()
     check = Watch(time.monotonic, None, cancel).check
     with workers(threads or torch.get_num_threads()), heeding(check):
-        taken = extract_mesh(fitted, options, crossings=self_intersections, cancel=cancel)
+        taken = extract_mesh(fitted, options, crossings=self_intersections)
         final = edited(taken.mesh, options, fitted, crossings=self_intersections)
     told = dict(final.edits)
     if final.double_cover is not None:

@@ -106,13 +106,14 @@ def shape(name: str) -> Mesh:
 def whole(name: str, thickness: float = 0.0) -> Mesh:
     """What a surface of a cloud of `shape(name)` is compared to: the shape, with what scans of it
     lack, or both sides of a wall this thick about it; not to be changed in place."""
-    return _single(name) if thickness == 0 else _both_sides(_single(name), thickness)
+    return _whole(name, thickness)
 
 
 @cache
-def _single(name: str) -> Mesh:
+def _whole(name: str, thickness: float) -> Mesh:
     build = SHAPES[name].whole if name in SHAPES else None
-    return shape(name) if build is None else normalised(build())
+    mesh = shape(name) if build is None else normalised(build())
+    return mesh if thickness == 0 else _both_sides(mesh, thickness)
 
 
 def _both_sides(mesh: Mesh, thickness: float) -> Mesh:

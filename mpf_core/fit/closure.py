@@ -117,7 +117,7 @@ def _winding_at(
     area = np.pi * neighbours.disc_radius[which] ** 2 / DISC_NEIGHBOUR
     discs = normals[which] * area[:, None]
     if len(points) > MANY:
-        points, discs, area = _merged(points, discs, area, voxel)
+        points, discs, _ = _merged(points, discs, area, voxel)
     size = np.linalg.norm(discs, axis=1)
     facing = discs / np.maximum(size, 1e-300)[:, None]
     return np.asarray(igl.fast_winding_number(points, facing, size, x))

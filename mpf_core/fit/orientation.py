@@ -79,7 +79,7 @@ def _settled(evidence: sparse.csr_array, sign: Array) -> Array:
     whole: what joined first did so by a single link. The root, which is the last, stays."""
     for _ in range(SWEEPS):
         against = -sign * (evidence @ sign)
-        worst = _largest_beside(evidence, against)
+        worst = _largest_of_rows(evidence, against[evidence.indices])  # beside each
         turned = (against > 0) & (against > worst)
         turned[-1] = False
         if not turned.any():
@@ -88,11 +88,11 @@ def _settled(evidence: sparse.csr_array, sign: Array) -> Array:
     return sign
 
 
-def _largest_beside(evidence: sparse.csr_array, values: Array) -> Array:
-    """(k,) the largest of `values` (k,) among those linked to each, −∞ where none is."""
+def _largest_of_rows(evidence: sparse.csr_array, values: Array) -> Array:
+    """(k,) the largest of the `values` that the entries of each row have, −∞ where it has none."""
     some = np.flatnonzero(np.diff(evidence.indptr))
-    largest = np.full(len(values), -np.inf)
-    largest[some] = np.maximum.reduceat(values[evidence.indices], evidence.indptr[some])
+    largest = np.full(evidence.shape[0], -np.inf)
+    largest[some] = np.maximum.reduceat(values, evidence.indptr[some])
     return largest
 
 
@@ -130,14 +130,10 @@ def _joined(evidence: sparse.csr_array) -> tuple[Array, Indices]:
     """Each piece with that for which its evidence is strongest: (k,) −1 where it has to turn over
     for that, and (k,) numbers of the larger pieces."""
     k = evidence.shape[0]
-    some = np.flatnonzero(np.diff(evidence.indptr))
-    strength = np.abs(evidence.data)
-    most = np.maximum.reduceat(strength, evidence.indptr[some])
-    count = np.diff(evidence.indptr)[some]
-    at = np.flatnonzero(strength == np.repeat(most, count))
-    rows = np.repeat(some, count)[at]
-    at = at[np.unique(rows, return_index=True)[1]]  # the first of equals
-    other = evidence.indices[at].astype(np.int64)
+    strength, row = np.abs(evidence.data), np.repeat(np.arange(k), np.diff(evidence.indptr))
+    at = np.flatnonzero(strength == _largest_of_rows(evidence, strength)[row])
+    some, first = np.unique(row[at], return_index=True)  # of equals the first
+    other = evidence.indices[at[first]].astype(np.int64)
     chosen = sparse.coo_array((np.ones(len(some)), (some, other)), shape=(k, k)).tocsr()
     count_of, joined = csgraph.connected_components(chosen, directed=False)
     # All trees hang under a virtual root by their first piece.

@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from mpf_core.errors import ResolutionTooHigh
 from mpf_core.field.fitted import Fitted
 from mpf_core.options import SurfaceOptions
-from mpf_core.progress import CancelCheck
 from mpf_core.surface.bounds import BOUND
 from mpf_core.surface.boxed import kept_within, leaves
 from mpf_core.surface.coarsen import coarsened
@@ -41,19 +40,18 @@ def extract_mesh(
     *,
     crossings: Crossings,
     painted: Painted | None = None,
-    cancel: CancelCheck | None = None,
 ) -> Extraction:
     """The zero level of the field as a mesh, on the threads of the caller's `parallel.workers`.
 
     The same field gives the same mesh bit for bit on the same number of threads.
     crossings: finds pairs of faces that cross, which are parted where they can be.
     painted: normalised samples with their colours; the footprint's if not given. Raises NoSurface,
-    ResolutionTooHigh, Cancelled.
+    ResolutionTooHigh, and what the caller's `heeding` does.
     """
     footprint = fitted.footprint
     fineness = choose_resolution(options, footprint, fitted.networks)
     asked = options.resolution is not None
-    surface, resolution = _zero_level(fitted, fineness, asked, cancel)
+    surface, resolution = _zero_level(fitted, fineness, asked)
     kept_apart = max(footprint.spacing, footprint.cover / np.sqrt(3))
     vertices, faces, perforations = without_perforations(
         surface.vertices, surface.faces, footprint.tree, kept_apart
@@ -88,19 +86,17 @@ def extract_mesh(
     return Extraction(mesh, report)
 
 
-def _zero_level(
-    fitted: Fitted, fineness: Fineness, asked: bool, cancel: CancelCheck | None
-) -> tuple[Isosurface, int]:
+def _zero_level(fitted: Fitted, fineness: Fineness, asked: bool) -> tuple[Isosurface, int]:
     footprint, resolution = fitted.footprint, fineness.cells
     reach = footprint.reach + footprint.cover
     while True:
         grid = Grid.around(fitted.box[0], fitted.box[1], resolution, fineness.finer)
         try:
-            surface = extract(fitted.level(), grid, footprint.tree, reach=reach, cancel=cancel)
+            surface = extract(fitted.level(), grid, footprint.tree, reach=reach)
             within = kept_within(fitted.level(), grid) if leaves(surface) else None
             if within is not None:
                 before = surface.evaluations
-                surface = extract(within, grid, footprint.tree, reach=reach, cancel=cancel)
+                surface = extract(within, grid, footprint.tree, reach=reach)
                 evaluations = before + surface.evaluations
                 surface = replace(surface, evaluations=evaluations, ended_at_sides=True)
         except ResolutionTooHigh:

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from mpf_core.cloud.neighbors import distance_within
 from mpf_core.errors import Cancelled, NoSurface, ResolutionTooHigh
+from mpf_core.heeding import heed
 from mpf_core.progress import CancelCheck
 from mpf_core.surface.lattice import Cells, Evaluate, Grid
 from mpf_core.surface.refine import refined
@@ -72,6 +73,7 @@ def extract(
         return np.isfinite(distance_within(samples, grid.points(cells) + edges / 2, within))
 
     def check(count: int, size: int) -> None:
+        heed()
         if cancel is not None and cancel():
             raise Cancelled("the extraction was cancelled")
         _check_memory(count, size, grid, memory_limit)

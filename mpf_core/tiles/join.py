@@ -92,13 +92,7 @@ def joined(
         blend = blended(plan, fields, cloud, samples)
         watch.enter("extract")
         painted = None if cloud.colors is None else (cKDTree(samples), cloud.colors)
-        taken = extract_mesh(
-            blend,
-            options.surface,
-            crossings=self_intersections,
-            painted=painted,
-            cancel=watch.cancel,
-        )
+        taken = extract_mesh(blend, options.surface, crossings=self_intersections, painted=painted)
         del painted
         watch.enter("fidelity")
         mesh, fidelity = onto_patches(
