@@ -31,8 +31,8 @@ from mpf_core.cloud.prepare import PrepareOptions, prepare
 from mpf_core.field import MetricPhaseField
 from mpf_core.field.fitted import FittedField, theta_of
 from mpf_core.field.footprint import Footprint
-from mpf_core.field.pointwise import prepare as prepare_loops
 from mpf_core.field.precision import products_in
+from mpf_core.fit.compiled import prepare as prepare_loops
 from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.sampler import paper_pools, pool_size, warm_pools
 from mpf_core.fit.trainer import FitLog, fit_field

@@ -47,8 +47,9 @@ def main() -> None:
     die_with_parent(int(os.environ["MPF_PARENT_PID"]))
     yield_to_others(NICENESS)
     try:
-        from mpf_core.field.pointwise import prepare, why_plain
+        from mpf_core.field.pointwise import why_plain
         from mpf_core.field.precision import products_in
+        from mpf_core.fit.compiled import prepare
     except ImportError:  # an installation without the extra `fit`, which jobs will tell
         return
     if prepare(products_in("auto")).NAME == "plain":

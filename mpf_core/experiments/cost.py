@@ -21,8 +21,10 @@ from mpf_core.field import FieldJets, Jet, MetricPhaseField, Order
 from mpf_core.field.metric_phase import phase_indicator, sharp_softplus
 from mpf_core.field.pointwise import functions
 from mpf_core.field.precision import products_in
+from mpf_core.fit.batch import Stage
+from mpf_core.fit.compiled import prepare
 from mpf_core.fit.initialize import initialize
-from mpf_core.fit.objective import Objective, Stage
+from mpf_core.fit.objective import Objective
 from mpf_core.fit.optimizers import QUINTICS, Optimizer
 from mpf_core.fit.sampler import warm_pools
 from mpf_core.options import PRESETS, FitOptions
@@ -100,7 +102,7 @@ def timed(*, quick: bool, threads: int) -> tuple[list[Cost], dict[str, float]]:
         options = replace(options, surface_points=64, near_points=64, far_points=64)
         options = replace(options, start_points=256, laplacian_points=16, width=64)
     stages = {"regression": Stage(False, False, False, 1.0), "terms": Stage(True, True, True, 0.0)}
-    functions(products_in(options.precision))  # compiled before anything is timed
+    prepare(products_in(options.precision))  # compiled before anything is timed
     with workers(threads):
         cloud = analyse(sample(SHAPE, POINTS, 0), threads=threads)
         start = initialize(cloud, threads=threads)
@@ -113,13 +115,15 @@ def timed(*, quick: bool, threads: int) -> tuple[list[Cost], dict[str, float]]:
             precision = products_in(options.precision) if kind == "ours" else torch.float32
             field.siren.precision = precision
             for name, stage in stages.items():
-                steps[kind, name] = _step(objective, Optimizer(field, options, precision), stage)
+                optimizer = Optimizer(field, options, precision)
+                steps[kind, name] = _step(objective, optimizer, stage, plainly=kind == "plain")
         # Alternating, so that a change of the machine's pace meets all alike. Plain steps have
         # torch's own threads, which is what such code runs with.
         seconds: dict[tuple[str, str], list[float]] = {key: [] for key in steps}
         for _ in range(repeats + 1):
             for key, step in steps.items():
                 torch.set_num_threads(threads if key[0] == "plain" else 1)
+                step()  # after which caches hold its arrays, and no other's threads spin
                 seconds[key].append(_seconds(step))
         torch.set_num_threads(1)
         rates = {str(kind).removeprefix("torch."): _rate(kind) for kind in _KINDS}
@@ -163,10 +167,18 @@ def _derived(jet: Jet, x: Tensor, order: Order) -> Jet:
     return Jet(jet.value, gradient, torch.stack(second).sum(0))
 
 
-def _step(objective: Objective, optimizer: Optimizer, stage: Stage) -> Callable[[], None]:
+def _step(
+    objective: Objective, optimizer: Optimizer, stage: Stage, *, plainly: bool = False
+) -> Callable[[], None]:
+    """One step; `plainly` leaves the derivatives of the terms to autograd as well."""
+
     def step() -> None:
         optimizer.zero_grad()
-        objective.backward(stage)
+        if plainly:
+            total = objective.total(objective.terms(stage), stage)
+            total.backward()  # type: ignore[no-untyped-call]
+        else:
+            objective.backward(stage)
         optimizer.step(1e-3)  # small, so that all steps meet the same field
 
     return step

@@ -17,6 +17,8 @@ from mpf_core.field import kernels
 
 NAME = "fused"
 
+_PLAIN = {"0": types.none, "i": types.int64}
+
 # Types of the arguments: K kept, F float32, with the number of dimensions; 0 left out.
 FORMS: dict[str, tuple[str, ...]] = {
     "first": ("K2 K2 F2 F2 F1",),
@@ -48,17 +50,20 @@ def compilations(kept: torch.dtype | None) -> Iterator[Callable[[], None]]:
     that θ alone takes."""
     for name, forms in (OF_THETA if kept is None else FORMS).items():
         for form in forms:
-            yield _compilation(name, form, kept)
+            yield compilation(getattr(kernels, name), form, kept)
 
 
-def _compilation(name: str, form: str, kept: torch.dtype | None) -> Callable[[], None]:
+def compilation(kernel: Any, form: str, kept: torch.dtype | None) -> Callable[[], None]:
+    """What compiles a loop for arguments of that form (see FORMS; D float64, i an integer)."""
+
     def of(code: str) -> Any:
-        if code == "0":
-            return types.none
+        if code in _PLAIN:
+            return _PLAIN[code]
         narrow = code[0] == "K" and kept is torch.bfloat16
-        return types.Array(types.uint16 if narrow else types.float32, int(code[1]), "C")
+        entry = types.uint16 if narrow else types.float64 if code[0] == "D" else types.float32
+        return types.Array(entry, int(code[1]), "C")
 
-    kernel, types_of = getattr(kernels, name), tuple(of(code) for code in form.split())
+    types_of = tuple(of(code) for code in form.split())
 
     def run() -> None:
         try:
@@ -74,7 +79,7 @@ def _compilation(name: str, form: str, kept: torch.dtype | None) -> Callable[[],
 def _forget(kernel: Any) -> None:
     """Remove what the cache holds of a loop; raises OSError."""
     if kernel.stats.cache_path is not None:
-        for path in Path(kernel.stats.cache_path).glob(f"kernels.{kernel.__name__}-*.nb[ci]"):
+        for path in Path(kernel.stats.cache_path).glob(f"*.{kernel.__name__}-*.nb[ci]"):
             path.unlink(missing_ok=True)
 
 

@@ -75,12 +75,6 @@ def functions_of_theta(cancel: CancelCheck | None = None) -> ModuleType:
     return _chosen[-1].functions_of_theta(cancel)
 
 
-def prepare(kept: torch.dtype, cancel: CancelCheck | None = None) -> ModuleType:
-    """All that a fit and its extraction call, so that no compilation falls into what is timed."""
-    functions_of_theta(cancel)
-    return functions(kept, cancel)
-
-
 def why_plain() -> str | None:
     """Why loops are not compiled, once that was tried in vain."""
     return _chosen[-1].reason

@@ -11,16 +11,19 @@ Letters: n points, h width. Coordinates in normalised units ([-1, 1]³).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+import numpy as np
 import torch
 from jaxtyping import Float
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
 from mpf_core.field import plain
 from mpf_core.field.jet import Jet, Order
-from mpf_core.field.pointwise import functions_of_theta
-from mpf_core.field.sweeps import GradientSweep, LaplacianSweep, ValueSweep
+from mpf_core.field.pointwise import functions, functions_of_theta
+from mpf_core.field.sweeps import GradientSweep, LaplacianSweep, Part, ValueSweep, descend
 
 BLOCK = 512  # points whose sines, twice 512 KiB, stay in the second cache
 
@@ -69,6 +72,35 @@ class Siren(nn.Module):
             return Jet(y[0], g[0]), Jet(y[1], g[1])
         y, g, laplacian = LaplacianSweep.apply(x, self.precision, *parameters)  # type: ignore[no-untyped-call]
         return Jet(y[0], g[0], laplacian[0]), Jet(y[1], g[1], laplacian[1])
+
+    @property
+    def compiled(self) -> bool:
+        """Whether its sweeps run in compiled loops."""
+        return functions(self.precision or self.input_weight.dtype) is not plain
+
+    def descend(self, asked: Sequence[Part], tally: int) -> NDArray[np.float64]:
+        """Add the derivatives of the loss that `asked` describes to the parameters'.
+
+        Returns what their `bars` summed, (tally,).
+        """
+        bars, tallied = descend(self._parameters_of_sweeps(), self.precision, asked, tally)
+        w1, b1, w2, b2, v3, b3, v, offsets = bars
+        for parameter, bar in (
+            (self.input_weight, w1),
+            (self.input_bias, b1),
+            (self.shared_weight, w2),
+            (self.shared_bias, b2),
+            (self.metric_weight, v3[0]),
+            (self.phase_weight, v3[1]),
+            (self.metric_bias, b3[0]),
+            (self.phase_bias, b3[1]),
+            (self.metric_output, v[0]),
+            (self.phase_output, v[1]),
+            (self.metric_offset, offsets[0]),
+            (self.phase_offset, offsets[1]),
+        ):
+            parameter.grad = bar.contiguous() if parameter.grad is None else parameter.grad + bar
+        return tallied
 
     def _parameters_of_sweeps(self) -> tuple[Tensor, ...]:
         """(W₁, b₁, W₂, b₂, V, b₃, v, offsets), the heads stacked, metric first."""

@@ -3,14 +3,20 @@
 The backward passes are derived by hand (`waves`): sines and cosines are taken once, and
 intermediates are overwritten where they are not needed again. Points are shared among threads and
 pass in blocks that stay in a core's cache. The nodes cannot be differentiated twice.
+
+`descend` goes there and back block by block without a graph, where the derivatives of the loss with
+respect to the outputs are known by themselves.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.autograd import Function
 from torch.autograd.function import once_differentiable
@@ -21,7 +27,8 @@ from mpf_core.field.pointwise import functions
 from mpf_core.field.waves import Desk, Weights
 from mpf_core.parallel import shared
 
-SMALLEST = 32  # points that are worth a thread of their own
+SMALLEST = 128  # points that are worth a thread of their own
+SHARES = 1 << 20  # into which `descend` divides each part, to give each thread as many
 
 Tensors = tuple[Tensor, ...]
 
@@ -81,11 +88,16 @@ class _Sweep(Function):
                 desk.buffers.give(z1_bar, *blocks[k])
             return sums
 
-        first, *others = shared(part, len(blocks))
-        for sums in others:
-            for field in fields(Weights):
-                getattr(first, field.name).add_(getattr(sums, field.name))
-        return (x_bar, None, *_by_parameters(first, parameters))
+        sums = _summed(shared(part, len(blocks)))
+        return (x_bar, None, *_by_parameters(sums, parameters))
+
+
+def _summed(parts: Sequence[Weights]) -> Weights:
+    first, *others = parts
+    for sums in others:
+        for field in fields(Weights):
+            getattr(first, field.name).add_(getattr(sums, field.name))
+    return first
 
 
 def _desk(parameters: Tensors, precision: torch.dtype | None) -> Desk:
@@ -113,18 +125,62 @@ class ValueSweep(_Sweep):
     """y (2, n): both heads' outputs at x (n, 3)."""
 
     forward_block, backward_block = waves.values, waves.values_back
-    block = 512
+    block = 1024
 
 
 class GradientSweep(_Sweep):
     """y (2, n) and ∇y (2, n, 3)."""
 
     forward_block, backward_block = waves.gradients, waves.gradients_back
-    block = 256
+    block = 1024
 
 
 class LaplacianSweep(_Sweep):
     """y (2, n), ∇y (2, n, 3) and Δy (2, n)."""
 
     forward_block, backward_block = waves.laplacians, waves.laplacians_back
-    block = 64
+    block = 128
+
+
+@dataclass(frozen=True)
+class Part:
+    """Points (n, 3), the sweep that takes them, and what a loss asks for there.
+
+    bars: from the sweep's outputs for the points `rows`, the derivatives of the loss with respect
+    to them; what else is to be summed it adds to the array that it is given.
+    """
+
+    sweep: type[_Sweep]
+    x: Tensor
+    bars: Callable[[Tensors, slice, NDArray[np.float64]], Tensors]
+
+
+@torch.no_grad()
+def descend(
+    parameters: Tensors, precision: torch.dtype | None, asked: Sequence[Part], tally: int
+) -> tuple[Tensors, NDArray[np.float64]]:
+    """The derivatives of a loss with respect to the parameters, summed over all parts.
+
+    Also what their `bars` added up, (tally,). Each thread goes there and back with its share of
+    every part, a block at a time, and waits for the others once.
+    """
+    desk = _desk(parameters, precision)
+
+    def part(share: slice) -> tuple[Weights, NDArray[np.float64]]:
+        sums, tallied = _zeros(parameters), np.zeros(tally)
+        for one in asked:
+            sweep, n = one.sweep, len(one.x)
+            end = n * share.stop // SHARES
+            for at in range(n * share.start // SHARES, end, sweep.block):
+                rows = slice(at, min(at + sweep.block, end))
+                x = one.x[rows]
+                outputs, kept = sweep.forward_block(desk, x)
+                bars = one.bars(outputs, rows, tallied)
+                z1_bar = sweep.backward_block(desk, x, kept, sums, *bars)
+                desk.buffers.give(z1_bar, *kept)
+        return sums, tallied
+
+    smallest = SHARES * SMALLEST // max(1, sum(len(one.x) for one in asked))
+    parts = shared(part, SHARES, smallest=max(1, smallest))
+    sums = _summed([sums for sums, _ in parts])
+    return _by_parameters(sums, parameters), np.sum([tallied for _, tallied in parts], axis=0)

@@ -10,23 +10,11 @@ from torch import Tensor
 
 from mpf_core.field import FieldJets, Jet, MetricPhaseField, Order
 from mpf_core.fit import losses
+from mpf_core.fit.batch import Batch, Stage, Surface, draw
 from mpf_core.fit.sampler import Pools
 from mpf_core.options import FitOptions
 
 EXAMINED = 4096  # points of each kind by which states of the fit are compared
-
-
-@dataclass(frozen=True)
-class Stage:
-    """Which terms are on at one moment of the fit; `regression` is the warm start's weight.
-
-    `terms` is False while the regression runs alone, which costs a third of a whole step.
-    """
-
-    terms: bool
-    align: bool
-    normal: bool
-    regression: float
 
 
 @dataclass(frozen=True)
@@ -48,17 +36,8 @@ class Objective:
     generator: torch.Generator
 
     def terms(self, stage: Stage) -> dict[str, Tensor]:
-        """The unweighted terms, by name; only those with a weight."""
-        if not stage.terms:
-            return {"regression": self._regression()}
-        terms = self._gradient_terms(stage) | self._far_terms()
-        if stage.regression > 0:
-            terms["regression"] = self._regression()
-        if self.options.weight_lap and self.options.laplacian_points:
-            ambient = self.pools.ambient
-            x = ambient.x[self._draw(len(ambient), self.options.laplacian_points)]
-            terms["lap"] = losses.laplacian_loss(self.field(x, Order.LAPLACIAN).phi)
-        return terms
+        """The unweighted terms of one batch, by name; only those with a weight."""
+        return self._terms(self._drawn(stage), stage)
 
     def points(self, stage: Stage) -> int:
         """At how many points `terms` evaluates the field."""
@@ -70,14 +49,23 @@ class Objective:
         return points
 
     def backward(self, stage: Stage) -> dict[str, Tensor]:
-        """`terms` of one batch, with the gradients of their `total` added to the parameters'."""
-        terms = self.terms(stage)
+        """`terms` of one batch, with the gradients of their `total` added to the parameters'.
+
+        By hand where loops are compiled (`descent`), else by autograd.
+        """
+        batch = self._drawn(stage)
+        if self.field.siren.compiled:
+            from mpf_core.fit.descent import descend  # loads the compiler, which may not be there
+
+            weights, options = self._weights(stage), self.options
+            return descend(self.field, batch, stage, weights, options, oriented=self._oriented)
+        terms = self._terms(batch, stage)
         self.total(terms, stage).backward()  # type: ignore[no-untyped-call]
         return terms
 
     def total(self, terms: dict[str, Tensor], stage: Stage) -> Float[Tensor, ""]:
         """The weighted sum (the paper's objective, plus the regression while it lasts)."""
-        weights = {**loss_weights(self.options), "regression": stage.regression}
+        weights = self._weights(stage)
         return torch.stack([weights[name] * term for name, term in terms.items()]).sum()
 
     def examination(self, seed: int) -> Examination:
@@ -98,45 +86,47 @@ class Objective:
         value = value + options.weight_phase * losses.phase_loss(off.indicator, points.side)
         return float(value + options.weight_far * losses.far_loss(off, options.alpha))
 
-    def _gradient_terms(self, stage: Stage) -> dict[str, Tensor]:
-        options, pools = self.options, self.pools
-        on = self._draw(len(pools.surface), options.surface_points)
-        near = self._draw(len(pools.near), options.near_points)
-        x = torch.cat([pools.surface[on], pools.near.x[near]])
-        fields = self.field(x, Order.GRADIENT)
-        surface, band = _split(fields, len(on))
+    @property
+    def _oriented(self) -> bool:
+        """A warm start has made the normals consistent."""
+        return self.pools.start is not None
+
+    def _drawn(self, stage: Stage) -> Batch:
+        return draw(self.pools, self.options, stage, self.generator)
+
+    def _weights(self, stage: Stage) -> dict[str, float]:
+        return {**loss_weights(self.options), "regression": stage.regression}
+
+    def _terms(self, batch: Batch, stage: Stage) -> dict[str, Tensor]:
+        terms: dict[str, Tensor] = {}
+        if batch.surface is not None:
+            terms |= self._surface_terms(batch.surface, stage)
+        if batch.far is not None:
+            fields = self.field(batch.far.x, Order.VALUE)
+            terms["phase"] = losses.phase_loss(fields.indicator, batch.far.side)
+            terms["far"] = losses.far_loss(fields, self.options.alpha)
+        if batch.start is not None:
+            fields = self.field(batch.start.x, Order.VALUE)
+            terms["regression"] = losses.regression_loss(fields, batch.start.theta, batch.start.r)
+        if batch.ambient is not None:
+            terms["lap"] = losses.laplacian_loss(self.field(batch.ambient, Order.LAPLACIAN).phi)
+        return terms
+
+    def _surface_terms(self, points: Surface, stage: Stage) -> dict[str, Tensor]:
+        fields = self.field(points.x, Order.GRADIENT)
+        surface, band = _split(fields, len(points.normals))
         terms = {
             "zero": losses.zero_loss(surface),
             "eik_r": losses.metric_eikonal_loss(band.r),
             "eik_phi": losses.interface_eikonal_loss(surface.phi, surface.theta),
         }
         if stage.align:
-            terms["align"] = losses.align_loss(band.r, band.theta, options.alpha)
+            terms["align"] = losses.align_loss(band.r, band.theta, self.options.alpha)
         if stage.normal:
             terms["normal"] = losses.normal_loss(
-                surface.phi, pools.normals[on], oriented=pools.start is not None
+                surface.phi, points.normals, oriented=self._oriented
             )
         return terms
-
-    def _far_terms(self) -> dict[str, Tensor]:
-        far = self.pools.far
-        pick = self._draw(len(far), self.options.far_points)
-        fields = self.field(far.x[pick], Order.VALUE)
-        side = far.side[pick] if far.side is not None else None
-        return {
-            "phase": losses.phase_loss(fields.indicator, side),
-            "far": losses.far_loss(fields, self.options.alpha),
-        }
-
-    def _regression(self) -> Tensor:
-        start = self.pools.start
-        assert start is not None and start.theta is not None and start.r is not None
-        pick = self._draw(len(start), self.options.start_points)
-        fields = self.field(start.x[pick], Order.VALUE)
-        return losses.regression_loss(fields, start.theta[pick], start.r[pick])
-
-    def _draw(self, size: int, count: int) -> Tensor:
-        return torch.randint(size, (count,), generator=self.generator)
 
 
 def loss_weights(options: FitOptions) -> dict[str, float]:

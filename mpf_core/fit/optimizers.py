@@ -34,9 +34,9 @@ class Muon:
 
     @torch.no_grad()
     def step(self, rate: float) -> None:
-        gradient = self._gradient()
-        self.buffer.mul_(self.momentum).add_(gradient)
-        update = self.update(gradient + self.momentum * self.buffer)
+        gradient, share = self._gradient(), self.momentum
+        torch.add(gradient, self.buffer, alpha=share, out=self.buffer)
+        update = self.update(gradient.add_(self.buffer, alpha=share))
         for matrix, change in zip(self.matrices, update, strict=True):
             matrix.add_(change, alpha=-rate)
 
@@ -54,29 +54,29 @@ class Muon:
         return torch.stack([m.grad for m in self.matrices if m.grad is not None])
 
     def _orthogonalise(self, update: Tensor) -> Tensor:
-        found = [orthogonal(one.to(self.precision)) for one in update / _norms(update)]
-        return torch.stack(found).to(update.dtype)
+        return orthogonal((update / _norms(update)).to(self.precision)).to(update.dtype)
 
 
 def orthogonal(x: Tensor) -> Tensor:
-    """A matrix (h, h) of norm 1 with all its singular values brought close to 1.
+    """Matrices (m, h, h) of norm 1 with all their singular values brought close to 1.
 
-    ‖x·xᵀ‖^½, which is what it is scaled by, bounds them far more closely than ‖x‖ does.
+    ‖x·xᵀ‖^½, which is what each is scaled by, bounds them far more closely than ‖x‖ does.
     """
-    gram = x @ x.t()
-    scale = gram.float().norm().sqrt() + TINY
+    gram = x @ x.mT
+    scale = _norms(gram.float()).sqrt()
     x, gram = x / scale.to(x.dtype), gram / scale.square().to(x.dtype)
     for number, (a, b, c) in enumerate(QUINTICS):
         if number:
-            gram = x @ x.t()
-        polynomial = torch.addmm(gram, gram, gram, beta=b, alpha=c)
-        x = torch.addmm(x, polynomial, x, beta=a)
+            gram = x @ x.mT
+        polynomial = torch.baddbmm(gram, gram, gram, beta=b, alpha=c)
+        x = torch.baddbmm(x, polynomial, x, beta=a)
     return x
 
 
 def _norms(matrices: Tensor) -> Tensor:
-    squared: Tensor = matrices.flatten(1).square().sum(1)
-    return squared.sqrt()[:, None, None] + TINY
+    """(m, 1, 1), none of them 0."""
+    squared: Tensor = matrices.square().sum((1, 2), keepdim=True)
+    return squared.sqrt() + TINY
 
 
 class Optimizer:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from mpf_core.fit.objective import Stage
+from mpf_core.fit.batch import Stage
 from mpf_core.options import FitOptions
 
 REGRESSION_ALONE = 0.8  # share of the warm start before the paper's terms join

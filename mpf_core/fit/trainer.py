@@ -17,12 +17,14 @@ from torch import Tensor
 
 from mpf_core.errors import Cancelled, CheckpointError, Diverged, OutOfTime
 from mpf_core.field import MetricPhaseField
-from mpf_core.field.pointwise import prepare, why_plain
+from mpf_core.field.pointwise import why_plain
 from mpf_core.field.precision import products_in
 from mpf_core.field.sweeps import forget_buffers
 from mpf_core.fit.averaging import Averaging
+from mpf_core.fit.batch import Stage
 from mpf_core.fit.checkpoint import State, fingerprint, read_state, write_state
-from mpf_core.fit.objective import Objective, Stage
+from mpf_core.fit.compiled import prepare
+from mpf_core.fit.objective import Objective
 from mpf_core.fit.optimizers import Optimizer
 from mpf_core.fit.sampler import Pools
 from mpf_core.fit.schedule import Costs, Schedule

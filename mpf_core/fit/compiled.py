@@ -1,0 +1,29 @@
+"""All loops that a fit and its extraction call, compiled before anything is timed."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import torch
+
+from mpf_core.errors import Cancelled
+from mpf_core.field import plain
+from mpf_core.field.pointwise import functions, functions_of_theta
+from mpf_core.progress import CancelCheck
+
+
+def prepare(kept: torch.dtype, cancel: CancelCheck | None = None) -> ModuleType:
+    """The functions that work on arrays kept in that type (`pointwise`), once all is compiled.
+
+    Raises Cancelled when `cancel` says so, which is asked before each of the small compilations.
+    """
+    functions_of_theta(cancel)
+    found = functions(kept, cancel)
+    if found is not plain:
+        from mpf_core.fit import adjoints  # loads the compiler, which may not be there
+
+        for compilation in adjoints.compilations():
+            if cancel is not None and cancel():
+                raise Cancelled("cancelled while loops were compiled", where="compilation")
+            compilation()
+    return found

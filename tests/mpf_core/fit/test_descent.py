@@ -1,0 +1,164 @@
+"""The gradient of a step by hand against autograd through the losses, its definition."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from mpf_core.cloud.neighbors import analyse
+from mpf_core.errors import Cancelled
+from mpf_core.experiments.shapes import sample
+from mpf_core.field import MetricPhaseField
+from mpf_core.field.metric_phase import COMPOSITES
+from mpf_core.field.pointwise import uncompiled
+from mpf_core.fit import adjoints
+from mpf_core.fit.batch import Stage, draw
+from mpf_core.fit.compiled import prepare
+from mpf_core.fit.initialize import initialize
+from mpf_core.fit.objective import Objective
+from mpf_core.fit.sampler import Pools, paper_pools, warm_pools
+from mpf_core.options import PRESETS, FitOptions
+from mpf_core.parallel import workers
+
+ALONE, FADING, WITHOUT, ALL = (
+    Stage(False, False, False, 1.0),
+    Stage(True, True, True, 0.3),
+    Stage(True, False, False, 0.0),
+    Stage(True, True, True, 0.0),
+)
+OPTIONS = replace(
+    PRESETS["balanced"].fit,
+    surface_points=300,
+    near_points=200,
+    far_points=150,
+    start_points=500,
+    laplacian_points=33,
+    # Each large enough that an error in it would be seen in the sum.
+    weight_align=0.7,
+    weight_eik_r=0.5,
+    weight_eik_phi=0.5,
+    weight_lap=0.01,
+    weight_phase=0.5,
+    weight_far=0.5,
+)
+
+
+@pytest.fixture(scope="module")
+def pools() -> dict[str, Pools]:
+    cloud = analyse(sample("cube-sheet", 2000, 0))
+    rng = np.random.default_rng(0)
+    warm = warm_pools(cloud.points, cloud, initialize(cloud), rng, size=20_000)
+    unsided = replace(warm.far, side=torch.where(warm.far.x[:, 0] > 0, warm.far.side, 0.0))
+    return {
+        "warm": warm,
+        "sides in part unknown": replace(warm, far=unsided),
+        "paper": paper_pools(cloud, rng, size=20_000),
+    }
+
+
+def gradients(
+    pools: Pools, options: FitOptions, stage: Stage, threads: int = 1
+) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
+    generator = torch.Generator().manual_seed(3)
+    field = MetricPhaseField(width=64, beta=20.0, composite=options.composite, generator=generator)
+    field.siren.precision = torch.float32
+    objective = Objective(field, pools, options, torch.Generator().manual_seed(0))
+    with workers(threads):
+        terms = {name: term.detach() for name, term in objective.backward(stage).items()}
+    found = {n: p.grad for n, p in field.named_parameters() if p.grad is not None}
+    return terms, found
+
+
+def assert_alike(ours: dict[str, Tensor], others: dict[str, Tensor], share: float) -> None:
+    assert ours.keys() == others.keys()
+    for name, one in ours.items():
+        scale = float(others[name].norm()) + 1e-9
+        assert float((one - others[name]).norm()) < share * scale, name
+
+
+@pytest.mark.parametrize("composite", COMPOSITES)
+@pytest.mark.parametrize("stage", [ALONE, FADING, WITHOUT, ALL])
+def test_a_step_by_hand_is_that_of_autograd(
+    pools: dict[str, Pools], composite: str, stage: Stage
+) -> None:
+    options = replace(OPTIONS, composite=composite)
+    terms, found = gradients(pools["warm"], options, stage)
+    with uncompiled():
+        plain_terms, plain = gradients(pools["warm"], options, stage)
+    assert_alike(terms, plain_terms, 1e-5)
+    assert_alike(found, plain, 3e-4)
+
+
+@pytest.mark.parametrize("kind", ["sides in part unknown", "paper"])
+def test_sides_and_normals_may_be_unknown(pools: dict[str, Pools], kind: str) -> None:
+    terms, found = gradients(pools[kind], OPTIONS, ALL)
+    with uncompiled():
+        plain_terms, plain = gradients(pools[kind], OPTIONS, ALL)
+    assert_alike(terms, plain_terms, 1e-5)
+    assert_alike(found, plain, 3e-4)
+
+
+@pytest.mark.parametrize("name", [n for n in adjoints.TERMS if n != "regression"])
+def test_each_term_alone(pools: dict[str, Pools], name: str) -> None:
+    """So that none hides behind the others."""
+    silent = {f"weight_{n}": 0.0 for n in adjoints.TERMS if n not in (name, "regression")}
+    options = replace(OPTIONS, **{**silent, f"weight_{name}": 1.0})
+    _, found = gradients(pools["warm"], options, ALL)
+    with uncompiled():
+        _, plain = gradients(pools["warm"], options, ALL)
+    assert_alike(found, plain, 3e-4)
+
+
+def test_threads_share_every_batch(pools: dict[str, Pools]) -> None:
+    (terms, found), (shared_terms, shared) = (
+        gradients(pools["warm"], OPTIONS, FADING, threads) for threads in (1, 3)
+    )
+    assert_alike(terms, shared_terms, 1e-6)
+    assert_alike(found, shared, 1e-4)
+
+
+def test_gradients_are_added_to_what_is_there(pools: dict[str, Pools]) -> None:
+    field = MetricPhaseField(width=16, generator=torch.Generator().manual_seed(0))
+    field.siren.precision = torch.float32
+    objective = Objective(field, pools["warm"], OPTIONS, torch.Generator().manual_seed(0))
+    objective.backward(ALL)
+    once = {n: p.grad.clone() for n, p in field.named_parameters() if p.grad is not None}
+    objective.generator.manual_seed(0)
+    objective.backward(ALL)
+    twice = {n: p.grad for n, p in field.named_parameters() if p.grad is not None}
+    assert_alike(twice, {n: 2 * g for n, g in once.items()}, 1e-5)
+
+
+def test_a_point_where_nothing_is_known_of_the_field_does_no_harm() -> None:
+    """All slopes 0, as in a field that has just been made flat: bars are finite."""
+    tally, weights = np.zeros(adjoints.TALLY), np.ones(len(adjoints.TERMS))
+    constants = np.array([50.0, 100.0, 100.0, 1.0, 1.0])
+    y, g = np.zeros((2, 4), np.float32), np.zeros((2, 4, 3), np.float32)
+    y_bar, g_bar = np.full_like(y, np.nan), np.full_like(g, np.nan)
+    normals = np.zeros((2, 3), np.float32)
+    adjoints.gradients(tally, y_bar, g_bar, y, g, normals, 0, 2, 1, weights, constants)
+    assert np.isfinite(tally).all() and np.isfinite(y_bar).all() and np.isfinite(g_bar).all()
+
+
+def test_what_is_off_is_not_drawn(pools: dict[str, Pools]) -> None:
+    generator = torch.Generator().manual_seed(0)
+    alone = draw(pools["warm"], OPTIONS, ALONE, generator)
+    assert alone.start is not None
+    assert alone.surface is None and alone.far is None and alone.ambient is None
+    whole = draw(pools["warm"], replace(OPTIONS, weight_lap=0.0), ALL, generator)
+    assert whole.start is None and whole.ambient is None
+    assert whole.surface is not None and len(whole.surface.x) == 500
+    assert len(whole.surface.normals) == 300
+
+
+def test_compiling_can_be_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled: list[None] = []
+    prepare(torch.float32)  # the sweeps, so that only the terms are asked about
+    monkeypatch.setattr(adjoints, "compilations", lambda: iter([lambda: compiled.append(None)] * 4))
+    with pytest.raises(Cancelled, match="compiled"):
+        prepare(torch.float32, lambda: len(compiled) == 2)
+    assert len(compiled) == 2
