@@ -94,7 +94,7 @@ def smoothed(
         spacing = nearest(tree, measured, SPACING_NEIGHBOUR + 1, threads)[0][:, -1]
     samples = Samples(measured, facing, tree)
     kernel = best_kernel(samples, spacing, threads)
-    if kernel.narrowest:
+    if kernel.exact:
         return None
     scale = spacing
     if measured is not neighbours.points:

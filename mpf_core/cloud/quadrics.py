@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ HEIGHT = 0.1  # c
 KERNELS = ((0.8, 24), (1.2, 50), (1.8, 110), (2.4, 200), (3.2, 360), (4.2, 620))
 RIDGE = 1e-3  # on curvatures, of the weight: decides only where there are too few samples
 NEGLIGIBLE = 2e-3  # of the spacing: errors below need no wider kernel
+CURVED = 1.25  # of the narrowest kernel's error, that of the next if the surface bends (≥ 1.46 on
+# clean clouds, ≤ 1.13 with noise of a fortieth of the spacing or more)
 BETTER = 0.999  # of the error, at most, that a wider kernel must leave to be taken
 OUTLYING = 3.0  # medians of the errors, beyond which they count no more: edges and rims
 PROBES = 3000  # samples at which kernels are judged
@@ -60,17 +62,14 @@ class Quadrics:
 @dataclass(frozen=True)
 class Kernel:
     """width: k over the local spacing, of `neighbours` samples; deviation: standard error that it
-    leaves, in the samples' units; noise: spread of the samples about their fits."""
+    leaves, in the samples' units; noise: spread of the samples about their fits; exact: whether the
+    samples are as good as that."""
 
     width: float
     neighbours: int
     deviation: float
     noise: float
-
-    @property
-    def narrowest(self) -> bool:
-        """Whether the samples are as good as exact."""
-        return self.width == KERNELS[0][0]
+    exact: bool
 
 
 def fitted(
@@ -107,6 +106,7 @@ def best_kernel(samples: Samples, scale: Array, threads: int = -1) -> Kernel:
     at = samples.points[probe], samples.normals[probe], scale[probe]
     enough = NEGLIGIBLE * float(np.median(at[2]))
     best: Kernel | None = None
+    first = 0.0
     for width, count in KERNELS:
         if best is not None and (count > n // 4 or count * n > PAIRS or best.noise <= enough):
             break
@@ -114,7 +114,11 @@ def best_kernel(samples: Samples, scale: Array, threads: int = -1) -> Kernel:
         spread = _spread(np.abs(fit.height) / np.maximum(1 - fit.leverage, 0.05))
         if best is None or spread < BETTER * best.noise:
             share = float(np.median(fit.leverage))
-            best = Kernel(width, count, spread * np.sqrt(share * (1 - share)), spread)
+            deviation = spread * np.sqrt(share * (1 - share))
+            best, first = Kernel(width, count, deviation, spread, best is None), first or spread
+        elif best.exact:
+            # What the narrowest errs by is noise, unless it grows with the kernel as bends do.
+            best = replace(best, exact=spread > CURVED * first)
     assert best is not None
     return best
 

@@ -72,8 +72,8 @@ def patches_of(
 ) -> Patches:
     """The patches of a cloud with oriented `normals` (n, 3); `sheet` (n,) as in Patches.
 
-    The kernel is the one with which neighbours predict left-out samples best; beyond the narrowest,
-    samples move onto their patches, since then they scatter about the surface.
+    The kernel is the one with which neighbours predict left-out samples best; samples that are not
+    exact, but scatter about the surface, move onto their patches.
     """
     samples = Samples(cloud.points, normals, cloud.tree)
     kernel = best_kernel(samples, cloud.spacing, threads)
@@ -82,7 +82,7 @@ def patches_of(
         fit = fitted(samples, cloud.points, samples.normals, cloud.spacing, size, threads)
         samples = replace(samples, normals=fit.normals)
     points, tree = cloud.points, cloud.tree
-    if not kernel.narrowest:
+    if not kernel.exact:
         points = points + fit.height[:, None] * fit.normals
         tree = cKDTree(points)
     single = (a.astype(np.float32) for a in (points, fit.normals, fit.curvature, cloud.spacing))

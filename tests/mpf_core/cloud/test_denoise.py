@@ -99,6 +99,27 @@ def test_quadrics_reach_the_measured_samples_past_the_planes_that_found_the_norm
     assert np.abs(np.linalg.norm(found.points, axis=1) - 1).mean() < 0.8 * before
 
 
+def test_bends_are_told_from_noise_where_the_narrowest_kernel_serves_both() -> None:
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1, 1, (3000, 2))
+    noise = 0.002 * rng.normal(size=len(x))
+    for waves, scatter in ((8, 0.0), (3, 1.0)):
+        height = 0.3 / waves * np.sin(waves * np.pi * x[:, 0]) * np.cos(waves * np.pi * x[:, 1])
+        points = np.column_stack([x, height + scatter * noise])
+        neighbours = analyse(points)
+        upwards = neighbours.normals * np.sign(neighbours.normals[:, 2:])
+        found = smoothed(points, neighbours, upwards)
+        if not scatter:
+            assert found is None
+            continue
+        assert found is not None
+        inner = (np.abs(x) < 0.9).all(1)
+        across = (points - np.column_stack([x, height]))[inner, 2]
+        moved = 0.3 / waves * np.sin(waves * np.pi * found.points[:, 0])
+        moved *= np.cos(waves * np.pi * found.points[:, 1])
+        assert np.abs(found.points[:, 2] - moved)[inner].mean() < 0.65 * np.abs(across).mean()
+
+
 def test_the_two_sides_of_a_wall_keep_apart_while_they_are_smoothed() -> None:
     sheet = plane(50)
     points = np.concatenate([sheet, sheet + np.array([0.01, 0.007, 0.15])])
