@@ -39,7 +39,9 @@ def known_of(
     given."""
     begin = begin or partial(initialize, threads=threads)
     remove = options.fit.denoise != "off"
-    cleaned = denoise(samples, remove=remove, seed=options.seed, threads=threads)
+    cleaned = denoise(
+        samples, remove=remove, most=options.fit.analysed, seed=options.seed, threads=threads
+    )
     neighbours = analyse(cleaned.thinned, threads=threads)
     denoised = cleaned.points is not samples
     watch.enter("initialize")

@@ -19,6 +19,8 @@ LARGEST = 1e6  # of a weight or a sharpness: larger ones leave single precision 
 
 PRESET_NAMES = ("draft", "balanced", "paper")
 
+LOWEST_RESOLUTION = 96  # cells, of what is chosen
+
 
 @dataclass(frozen=True)
 class FitOptions:
@@ -60,6 +62,13 @@ class FitOptions:
         "deviations above the mean; all are kept if not given.",
         low=0.1,
         high=100.0,
+    )
+    analysed: int = option(
+        200_000,
+        "Samples at most that the start is made from, one of each voxel of larger clouds; a draft "
+        "has time for half. The surface terms see all.",
+        low=1000,
+        high=1_000_000,
     )
     warm_start: bool = option(
         True, "Regress r and θ to a classical fit first; without it no CPU budget suffices."
@@ -194,6 +203,22 @@ class SurfaceOptions:
         unit="cells",
         expert=False,
     )
+    highest_resolution: int = option(
+        512,
+        "As many cells at most that are chosen; thin walls may have more. A draft has time for "
+        "half as many crossed cells.",
+        low=LOWEST_RESOLUTION,
+        high=1024,
+        unit="cells",
+    )
+    coarsen_to: int = option(
+        500_000,
+        "Faces at most that coarsening leaves, more of a scene in tiles: for so many a preset has "
+        "time.",
+        low=20_000,
+        high=2_000_000,
+        unit="faces",
+    )
     coarsen: str = option(
         "auto",
         "Merge triangles finer than the samples can describe, where the grid had to be that fine "
@@ -313,12 +338,14 @@ PRESETS: dict[str, Options] = {
         fit=FitOptions(
             max_iterations=1600,
             time_budget=55.0,
+            analysed=100_000,
             surface_points=768,
             near_points=256,
             far_points=512,
             laplacian_points=64,
             start_points=2048,
         ),
+        surface=SurfaceOptions(highest_resolution=384, coarsen_to=250_000),
     ),
     # The recipe of the paper and of the published code of its relatives, with no additions.
     "paper": Options(

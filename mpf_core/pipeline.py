@@ -42,7 +42,6 @@ from mpf_core.options import Options
 from mpf_core.parallel import workers
 from mpf_core.preview import Previews, coarse_mesh
 from mpf_core.progress import CancelCheck, Clock, ProgressCallback
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.report import finished_report, frame_report, input_report, run_report
 from mpf_core.surface.edit import edited
 from mpf_core.surface.extraction import extract_mesh
@@ -52,8 +51,9 @@ from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.resolution import shell_of
 from mpf_core.watch import Watch
 
-# Shares of the time budget, between which what is kept for extraction, report and writing lies.
-LEAST_KEPT, MOST_KEPT = 0.05, 0.55
+# What is kept for extraction, report and writing: at least of the time budget, at most of what is
+# left of it when the fit begins, which would end with nothing otherwise.
+LEAST_KEPT, MOST_KEPT = 0.05, 0.6
 PADDING = 0.05  # of the normalised frame, around the samples
 
 
@@ -137,7 +137,7 @@ def _reconstructed(
     field, log = fit_field(
         pools,
         options.fit,
-        watch.control(_deadline(options, footprint, neighbours, start, watch.clock), previews),
+        watch.control(_deadline(options, footprint, neighbours, start, watch), previews),
         seed=options.seed,
         reliability=neighbours.normal_reliability,
         threads=threads,
@@ -145,7 +145,7 @@ def _reconstructed(
 
     watch.enter("extract")
     fitted = FittedField(field, similarity, box, footprint)
-    taken = extract_mesh(fitted, options.surface, crossings=self_intersections, painted=painted)
+    taken = extract_mesh(fitted, options.surface, painted=painted)
     watch.check()
     mesh, fidelity = onto_data(
         taken.mesh,
@@ -153,12 +153,11 @@ def _reconstructed(
         start,
         options.data,
         spacing=spacing,
-        crossings=self_intersections,
         threads=threads,
         clock=watch.clock,
     )
     watch.check()
-    final = edited(mesh, options.surface, fitted, start, crossings=self_intersections)
+    final = edited(mesh, options.surface, fitted, start)
 
     watch.enter("report")
     report = {
@@ -184,16 +183,19 @@ def _deadline(
     footprint: Footprint,
     neighbours: Neighborhoods,
     start: Initialization | None,
-    clock: Clock,
+    watch: Watch,
 ) -> float:
     """Seconds after the beginning at which the fit must end, for all to end in time."""
-    budget = options.fit.time_budget
+    budget, begin = options.fit.time_budget, watch.begin
     drawn = torch.Generator().manual_seed(options.seed)
     alike = MetricPhaseField(width=options.fit.width, omega=options.fit.omega, generator=drawn)
     sheets = 0.0 if start is None else 1 - start.seeded
     area, shadows = area_of(neighbours, sheets), shadows_of(neighbours, sheets)
-    needed = seconds_after_fit(options.surface, footprint, area, shadows, theta_of(alike), clock)
-    return budget - float(np.clip(needed, LEAST_KEPT * budget, MOST_KEPT * budget))
+    needed = seconds_after_fit(
+        options.surface, footprint, area, shadows, theta_of(alike), watch.clock
+    )
+    left = budget - (watch.clock() - begin)
+    return budget - float(min(max(needed, LEAST_KEPT * budget), max(MOST_KEPT * left, 0.0)))
 
 
 def fit_report(

@@ -19,7 +19,6 @@ from mpf_core.options import SurfaceOptions
 from mpf_core.outputs import write_report, write_stack
 from mpf_core.parallel import workers
 from mpf_core.progress import CancelCheck, Clock, ProgressCallback
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.report import frame_report, surface_report, versions_report
 from mpf_core.surface.edit import edited
 from mpf_core.surface.export import write_glb, write_ply
@@ -48,8 +47,8 @@ def extract(
     options = options or SurfaceOptions()
     check = Watch(time.monotonic, None, cancel).check
     with workers(threads or torch.get_num_threads()), heeding(check):
-        taken = extract_mesh(fitted, options, crossings=self_intersections)
-        final = edited(taken.mesh, options, fitted, crossings=self_intersections)
+        taken = extract_mesh(fitted, options)
+        final = edited(taken.mesh, options, fitted)
     told = dict(final.edits)
     if final.double_cover is not None:
         told["double_cover"] = final.double_cover

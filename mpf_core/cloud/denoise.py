@@ -41,8 +41,8 @@ class Denoised:
     """The samples as later rooms use them, in the frame given.
 
     points: (n, 3) projected samples; the input itself when no noise was found
-    measured: (k, 3) the samples as they came, at most ANALYSED
-    thinned: (m, 3) at most ANALYSED of them, at the spacing that the noise allows
+    measured: (k, 3) the samples as they came, at most as many as are analysed
+    thinned: (m, 3) as many of them at most, at the spacing that the noise allows
     neighbours: size of the neighbourhoods; sigma: spread of the input about the surface
     """
 
@@ -53,12 +53,19 @@ class Denoised:
     sigma: float
 
 
-def denoise(points: Array, *, remove: bool = True, seed: int = 0, threads: int = -1) -> Denoised:
+def denoise(
+    points: Array,
+    *,
+    remove: bool = True,
+    most: int = ANALYSED,
+    seed: int = 0,
+    threads: int = -1,
+) -> Denoised:
     """Measure the noise of `points` (n, 3) and, if asked, take it off; clean clouds pass unchanged.
 
-    Of a cloud larger than ANALYSED a part is looked at, and is all that is left if it is noisy.
+    Of a cloud of more than `most` a part is looked at, and is all that is left if it is noisy.
     """
-    few = points if len(points) <= ANALYSED else points[one_of_each_voxel(points, ANALYSED)[0]]
+    few = points if len(points) <= most else points[one_of_each_voxel(points, most)[0]]
     tree = cKDTree(few)
     probe = np.random.default_rng(seed).permutation(len(few))[:PROBES]
     size, sigma = _flat_neighbourhood(few, tree, probe, threads)

@@ -26,6 +26,7 @@ HEIGHT = 0.1  # c
 KERNELS = ((0.8, 24), (1.2, 50), (1.8, 110), (2.4, 200), (3.2, 360), (4.2, 620))
 RIDGE = 1e-3  # on curvatures, of the weight: decides only where there are too few samples
 NEGLIGIBLE = 2e-3  # of the spacing: errors below need no wider kernel
+NOTICED = 0.03  # of the spacing: less noise is not worth looking at the samples twice
 CURVED = 1.25  # of the narrowest kernel's error, that of the next if the surface bends (≥ 1.46 on
 # clean clouds, ≤ 1.13 with noise of a fortieth of the spacing or more)
 BETTER = 0.999  # of the error, at most, that a wider kernel must leave to be taken
@@ -104,7 +105,8 @@ def best_kernel(samples: Samples, scale: Array, threads: int = -1) -> Kernel:
     n = len(samples.points)
     probe = np.unique(np.linspace(0, n - 1, min(n, PROBES)).astype(np.int64))
     at = samples.points[probe], samples.normals[probe], scale[probe]
-    enough = NEGLIGIBLE * float(np.median(at[2]))
+    spacing = float(np.median(at[2]))
+    enough, noticed = NEGLIGIBLE * spacing, NOTICED * spacing
     best: Kernel | None = None
     first = 0.0
     for width, count in KERNELS:
@@ -118,7 +120,7 @@ def best_kernel(samples: Samples, scale: Array, threads: int = -1) -> Kernel:
             best, first = Kernel(width, count, deviation, spread, best is None), first or spread
         elif best.exact:
             # What the narrowest errs by is noise, unless it grows with the kernel as bends do.
-            best = replace(best, exact=spread > CURVED * first)
+            best = replace(best, exact=spread > CURVED * first or first < noticed)
     assert best is not None
     return best
 

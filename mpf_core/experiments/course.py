@@ -29,7 +29,6 @@ from mpf_core.fit.trainer import Control, StepReport
 from mpf_core.options import Options, options_from
 from mpf_core.parallel import workers
 from mpf_core.pipeline import Reconstruction, reconstruct_cloud
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.surface.extraction import extract_mesh
 from mpf_core.surface.mesh import Mesh
 from mpf_core.watch import Snapshot, Watch
@@ -93,7 +92,7 @@ def course(points: NDArray[np.float64], trial: Trial, folder: Path) -> Outcome:
             Moment(state.iteration, state.seconds, _surface(state, result, options))
             for state in states(recorder.folder)
         ]
-        alone = extract_mesh(result.fitted, options.surface, crossings=self_intersections).mesh
+        alone = extract_mesh(result.fitted, options.surface).mesh
     facts = {name: result.report[name] for name in ("timings", "extraction", "fit")}
     return Outcome(result.mesh, facts, alone, seconds, course=moments)
 
@@ -143,6 +142,6 @@ def _surface(state: State, result: Reconstruction, options: Options) -> Mesh | N
     try:
         surface = replace(options.surface, resolution=resolution)
         fitted = replace(result.fitted, field=field)
-        return extract_mesh(fitted, surface, crossings=self_intersections).mesh
+        return extract_mesh(fitted, surface).mesh
     except SurfaceError:
         return None

@@ -29,10 +29,10 @@ from mpf_core.cloud.reader import read_cloud
 from mpf_core.errors import MPFError
 from mpf_core.experiments.shapes import sample, whole
 from mpf_core.files import write_atomically
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.metrics import compare, evaluate, farthest_component, points_to_surface
 from mpf_core.quality.topology import topology
 from mpf_core.surface.export import cloud_ply_bytes, write_glb, write_ply
+from mpf_core.surface.intersections import self_intersections
 from mpf_core.surface.mesh import Mesh
 
 Row = dict[str, Any]
@@ -174,7 +174,7 @@ def mpf(points: NDArray[np.float64], trial: Trial) -> Outcome:
     told = ("timings", "extraction", "input", "fit", "surface")
     facts = {name: result.report[name] for name in told}
     with workers(options.threads or torch.get_num_threads()):
-        alone = extract_mesh(result.fitted, options.surface, crossings=self_intersections).mesh
+        alone = extract_mesh(result.fitted, options.surface).mesh
     return Outcome(result.mesh, facts, alone, seconds)
 
 

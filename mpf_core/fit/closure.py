@@ -117,13 +117,13 @@ def _winding_at(
     area = np.pi * neighbours.disc_radius[which] ** 2 / DISC_NEIGHBOUR
     discs = normals[which] * area[:, None]
     if len(points) > MANY:
-        points, discs, _ = _merged(points, discs, area, voxel)
+        points, discs = _merged(points, discs, area, voxel)
     size = np.linalg.norm(discs, axis=1)
     facing = discs / np.maximum(size, 1e-300)[:, None]
     return np.asarray(igl.fast_winding_number(points, facing, size, x))
 
 
-def _merged(points: Array, discs: Array, area: Array, voxel: float) -> tuple[Array, Array, Array]:
+def _merged(points: Array, discs: Array, area: Array, voxel: float) -> tuple[Array, Array]:
     """Those discs (n, 3) that share a voxel and a side as one, at their middle: what is asked for
     lies on a coarser grid, and from two voxels on they look the same."""
     cell = np.floor((points - points.min(0)) / voxel).astype(np.int64)
@@ -135,7 +135,7 @@ def _merged(points: Array, discs: Array, area: Array, voxel: float) -> tuple[Arr
     def added(values: Array) -> Array:
         return np.stack([np.bincount(own, values[:, i]) for i in range(3)], axis=1).astype(float)
 
-    return added(points * area[:, None]) / total[:, None], added(discs), total.astype(float)
+    return added(points * area[:, None]) / total[:, None], added(discs)
 
 
 def _lid(region: NDArray[np.bool_], empty: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], float]:

@@ -173,32 +173,37 @@ class Trainer:
         """Step until something ends the fit; leaves the best mean of states in `field`."""
         self._resume(control.checkpoint)
         begin = control.clock()
+        try:
+            ended = self._stepped(control, begin)
+        except Cancelled:  # perhaps to go on elsewhere
+            self._keep(control, begin)
+            raise
+        self._finish(ended, control.clock() - begin)
+
+    def _stepped(self, control: Control, begin: float) -> str:
+        """Step until something ends the fit, and what; Cancelled comes between two steps."""
         costs = self._rehearsed(control.clock)
         good, kept_at = self.state(), begin
         while True:
             now = control.clock()
             self._plan(costs, now - begin, control.deadline - begin)
-            try:
-                ended = self._ended(control, now)
-            except Cancelled:  # perhaps to go on elsewhere
-                self._keep(control, begin)
-                raise
+            ended = self._ended(control, now)
             if ended is not None:
-                break
+                return ended
             terms, stage = self.step()
             if self.iteration % REPORT_EVERY == 0 or self.iteration == self.planned:
                 entry = self._entry(control.clock() - begin, terms, stage)
                 if self._diverged(entry):
                     self._go_back(good)
                     continue
-                self._tell(entry, control)
+                self.log.history.append(entry)
                 if self.iteration % JUDGE_EVERY == 0 or self.iteration == self.planned:
                     good = self.state()
                     self._judge()
+                self._tell(entry, control)
             if control.clock() - kept_at > KEEP_EVERY:
                 self._keep(control, begin)
                 kept_at = control.clock()
-        self._finish(ended, control.clock() - begin)
 
     def step(self) -> tuple[dict[str, Tensor], Stage]:
         """One iteration; returns the unweighted terms."""
@@ -348,7 +353,6 @@ class Trainer:
         self.planned, self.settled = planned, settled
 
     def _tell(self, entry: StepReport, control: Control) -> None:
-        self.log.history.append(entry)
         if control.report is not None:
             control.report(entry)
         if control.snapshot is not None:

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mpf_core.errors import InputError
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.sampling import sample_surface
 from mpf_core.quality.thickness import DoubleCover, double_cover
 from mpf_core.quality.topology import Topology, topology
 from mpf_core.surface.cut import pieces
+from mpf_core.surface.intersections import self_intersections
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import face_areas, face_normals
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.cloud.prepare import PreparationReport
 from mpf_core.options import Options, options_to_mapping
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.metrics import points_to_surface
 from mpf_core.quality.topology import topology
 from mpf_core.surface.edit import Edited
+from mpf_core.surface.intersections import self_intersections
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import enclosed_volume, face_areas
 

@@ -18,7 +18,6 @@ from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import vertex_normals
 from mpf_core.surface.sheet import single_layer
 from mpf_core.surface.simplify import decimated, deviation, taubin
-from mpf_core.surface.takeback import Crossings
 from mpf_core.surface.uncross import uncrossed
 
 Array = NDArray[np.float64]
@@ -43,15 +42,12 @@ def edited(
     options: SurfaceOptions,
     fitted: Fitted,
     start: Initialization | None = None,
-    *,
-    crossings: Crossings,
 ) -> Edited:
     """`mesh`, in the input's frame, after all that `options` ask for.
 
     start: the samples' normals and local fit, made from those that the field keeps where needed
-    and not given. `crossings` finds pairs of faces that cross; those that decimation makes are
-    parted. New vertices get the triangles' normals and the colours of the vertices around.
-    Raises NoSurface, SurfaceError.
+    and not given. Pairs of faces that cross since decimation are parted. New vertices get the
+    triangles' normals and the colours of the vertices around. Raises NoSurface, SurfaceError.
     """
     double_cover: dict[str, Any] | None = None
     edits: dict[str, Any] = {}
@@ -73,7 +69,7 @@ def edited(
     if options.max_faces is not None and len(faces) > options.max_faces:
         fine = vertices, faces
         vertices, faces = decimated(vertices, faces, options.max_faces)
-        vertices = uncrossed(Mesh(vertices, faces), Mesh(*fine), crossings)
+        vertices = uncrossed(Mesh(vertices, faces), Mesh(*fine))
         edits["decimation"] = {"faces_before": len(fine[1]), "faces": len(faces)}
         edits["decimation"] |= _moved(fine, (vertices, faces), unit)
     if vertices is whole:

@@ -14,13 +14,12 @@ from mpf_core.field.fitted import Fitted
 from mpf_core.options import SurfaceOptions
 from mpf_core.surface.bounds import BOUND
 from mpf_core.surface.boxed import kept_within, leaves
-from mpf_core.surface.coarsen import coarsened
+from mpf_core.surface.coarsen import coarsened, most_faces
 from mpf_core.surface.finish import FLOATER_SPACINGS, finish, without_floaters
 from mpf_core.surface.isosurface import Grid, Isosurface, extract
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.perforations import without_perforations
 from mpf_core.surface.resolution import Fineness, choose_resolution
-from mpf_core.surface.takeback import Crossings
 from mpf_core.surface.untangle import untangled
 
 Painted = tuple[cKDTree, NDArray[np.uint8]]
@@ -38,13 +37,12 @@ def extract_mesh(
     fitted: Fitted,
     options: SurfaceOptions,
     *,
-    crossings: Crossings,
     painted: Painted | None = None,
 ) -> Extraction:
     """The zero level of the field as a mesh, on the threads of the caller's `parallel.workers`.
 
-    The same field gives the same mesh bit for bit on the same number of threads.
-    crossings: finds pairs of faces that cross, which are parted where they can be.
+    The same field gives the same mesh bit for bit on the same number of threads. Pairs of faces
+    that cross are parted where they can be.
     painted: normalised samples with their colours; the footprint's if not given. Raises NoSurface,
     ResolutionTooHigh, and what the caller's `heeding` does.
     """
@@ -64,8 +62,9 @@ def extract_mesh(
     )
     fine = len(faces)
     if options.coarsen == "auto" and not asked:
-        vertices, faces = coarsened(vertices, faces, footprint.spacing, fitted.networks)
-    vertices, untangled_faces = untangled(vertices, faces, crossings)
+        most = most_faces(options, fitted.networks)
+        vertices, faces = coarsened(vertices, faces, footprint.spacing, most)
+    vertices, untangled_faces = untangled(vertices, faces)
     if painted is None and footprint.colors is not None:
         painted = footprint.tree, footprint.colors
     mesh = finish(vertices, faces, fitted.gradient(), fitted.similarity, painted)

@@ -28,7 +28,7 @@ from mpf_core.options import DataOptions
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import unit_normals
 from mpf_core.surface.patches import NEIGHBOURS, Patches, patches_of, pull
-from mpf_core.surface.takeback import MOST_FACES, Crossings, Motion, allowed_share
+from mpf_core.surface.takeback import MOST_FACES, Motion, allowed_share
 
 STEPS = 2  # moves onto the surface; the second is already a tenth of the first
 FARTHEST = 1.0  # local spacings that a vertex moves at most, and thicknesses of the field's shell
@@ -41,7 +41,8 @@ Indices = NDArray[np.int64]
 
 
 # A mesh of 900 000 faces took 45 to 55 s on a busy machine, which no preset's time has room for.
-# What `coarsen` leaves, WORTH times its MOST faces, has fewer vertices: half of its faces.
+# What `coarsen` leaves, WORTH times the default of `coarsen_to`, has fewer vertices: half of its
+# faces.
 MOST_VERTICES = MOST_FACES // 2
 
 
@@ -74,7 +75,6 @@ def onto_data(
     options: DataOptions,
     *,
     spacing: float,
-    crossings: Crossings,
     threads: int = -1,
     clock: Callable[[], float] = time.monotonic,
 ) -> tuple[Mesh, dict[str, Any]]:
@@ -99,7 +99,6 @@ def onto_data(
         sheets_of(start.bounds),
         shell=2 * start.shell,
         thickness=options.sheet_thickness * spacing,
-        crossings=crossings,
         threads=threads,
     )
     return taken(mesh, moved, similarity, clock() - begin)
@@ -141,19 +140,18 @@ def follow_data(
     *,
     shell: float,
     thickness: float,
-    crossings: Crossings,
     threads: int = -1,
 ) -> Moved:
     """Move `vertices` (v, 3) with unit outward `directions` (v, 3) onto the data.
 
     The data are the samples of `cloud` with their oriented `normals` (n, 3) and what each is of,
     `sheet` (n,) as `sheets_of` has it; `shell` is the thickness that the field was given around
-    sheets, `thickness` what they are to have; `crossings` finds pairs of faces that cross.
+    sheets, `thickness` what they are to have.
     """
     patches = patches_of(cloud, normals, sheet, thickness, threads)
     data = Data(patches.deviation, patches.kernel * cloud.median_spacing, shell)
     aim = aim_at(patches, vertices, directions, threads)
-    return follow(vertices, faces, directions, aim, data, crossings, threads)
+    return follow(vertices, faces, directions, aim, data, threads)
 
 
 @dataclass(frozen=True)
@@ -172,7 +170,6 @@ def follow(
     directions: Array,
     aim: Aim,
     data: Data,
-    crossings: Crossings,
     threads: int = -1,
 ) -> Moved:
     """Move `vertices` (v, 3) as far towards their `aim` as noise and triangles allow."""
@@ -185,7 +182,7 @@ def follow(
         step[:] = 0.0
     settled = (aim.trust > SETTLED) & (length <= reach)
     motion = Motion(vertices, faces, step, aim.outward, settled)
-    share = allowed_share(motion, crossings) if step.any() else np.ones(len(vertices))
+    share = allowed_share(motion) if step.any() else np.ones(len(vertices))
     moved = motion.at(share).vertices
     length = np.linalg.norm(moved - vertices, axis=1)
     applied = bool(length.any())

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mpf_core.cloud.neighbors import SPACING_NEIGHBOUR, Neighborhoods
 from mpf_core.field.footprint import Footprint
 from mpf_core.options import SurfaceOptions
-from mpf_core.surface.coarsen import faces_for
+from mpf_core.surface.coarsen import faces_for, most_faces
 from mpf_core.surface.resolution import choose_resolution
 
 PER_CELL = 9.5  # evaluations per crossed cell: 2.2 of θ, the rest mostly merging of triangles
@@ -40,7 +40,7 @@ def seconds_after_fit(
     cells = crossed(shadows, 2 / fineness.cells / np.array(fineness.finer))
     faces = 2 * cells
     if options.coarsen == "auto" and options.resolution is None:
-        faces = min(faces, faces_for(area, footprint.spacing))
+        faces = min(faces, faces_for(area, footprint.spacing, most_faces(options)))
     points = np.random.default_rng(0).uniform(-1, 1, (PROBES, 3))
     seconds = []
     for _ in range(ROUNDS):

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from mpf_core.field.footprint import Footprint
 from mpf_core.fit.initialize import Initialization
-from mpf_core.options import SurfaceOptions
+from mpf_core.options import LOWEST_RESOLUTION, SurfaceOptions
 
 CELLS_PER_SPACING = 3.0  # finer cells than a third of the spacing show the network, not the data
 CELLS_PER_SHELL = 3.0  # at two, a shell that the fit left a little thinner is perforated
 SHEETS_FROM = 0.97  # share of samples that bound enclosed space below which there are sheets
-LOWEST, HIGHEST = 96, 512
-# Walls thinner than a cell are perforated. For them, and no further, the grid may be finer.
+LOWEST = LOWEST_RESOLUTION
+HIGHEST = 512  # for thin walls, but
+# walls thinner than a cell are perforated: for them, and no further, the grid may be finer.
 LEAST_PER_WALL, HIGHEST_OF_ALL = 1.4, 1024
 FLAT = 0.02  # of the longest extent: along a shorter one, cells are made finer by themselves
 MOST_FINER = 16
@@ -49,7 +50,7 @@ def choose_resolution(options: SurfaceOptions, footprint: Footprint, networks: i
         cells, why = options.resolution, "as asked"
     else:
         thickness = None if flat.any() else footprint.thickness
-        cells, why = _cells(footprint.reach, thickness, networks)
+        cells, why = _cells(footprint.reach, thickness, options.highest_resolution, networks)
     finer = np.ones(3, dtype=np.int64)
     for axis in np.flatnonzero(flat):
         across = footprint.thickness or max(_extents(footprint)[axis], 1e-9)
@@ -60,17 +61,24 @@ def choose_resolution(options: SurfaceOptions, footprint: Footprint, networks: i
     return Fineness(cells, (int(finer[0]), int(finer[1]), int(finer[2])), why)
 
 
-def _cells(spacing: float, thickness: float | None, networks: int) -> tuple[int, str]:
-    cell, why = spacing / CELLS_PER_SPACING, "three cells a sample spacing"
-    highest = most = min(round(HIGHEST * networks**0.5), HIGHEST_OF_ALL)
-    if thickness is not None and thickness / CELLS_PER_SHELL < cell:
-        cell, why = thickness / CELLS_PER_SHELL, "three cells across the thinnest wall or shell"
-        highest = min(max(most, round(2.0 * LEAST_PER_WALL / thickness)), HIGHEST_OF_ALL)
-    wanted = round(2.0 / cell)
-    cells = min(max(wanted, LOWEST), highest)
-    if cells < wanted:
+def _cells(spacing: float, thickness: float | None, highest: int, networks: int) -> tuple[int, str]:
+    """For the samples, or for the thinnest wall or shell if that asks for more."""
+    most = min(round(highest * networks**0.5), HIGHEST_OF_ALL)
+    found = _held(2.0 * CELLS_PER_SPACING / spacing, most, "three cells a sample spacing")
+    if thickness is not None:
+        most = min(round(HIGHEST * networks**0.5), HIGHEST_OF_ALL)
+        most = min(max(most, round(2.0 * LEAST_PER_WALL / thickness)), HIGHEST_OF_ALL)
+        across = 2.0 * CELLS_PER_SHELL / thickness
+        wall = _held(across, most, "three cells across the thinnest wall or shell")
+        found = max(found, wall, key=lambda one: one[0])
+    return found
+
+
+def _held(wanted: float, highest: int, why: str) -> tuple[int, str]:
+    cells = min(max(round(wanted), LOWEST), highest)
+    if cells < round(wanted):
         why += f", held to {highest}"
-    elif cells > wanted:
+    elif cells > round(wanted):
         why += f", raised to {LOWEST}"
     return cells, why
 

@@ -6,7 +6,7 @@ distance: the others and what is near them is looked at first, the whole mesh on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from mpf_core.cloud.neighbors import distance_within
+from mpf_core.surface.intersections import self_intersections
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import face_crosses, unit_normals
 
@@ -29,7 +30,6 @@ MOST_FACES = 700_000  # looked at as a whole: one fit's mesh; some 9 µs and 1 k
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-Crossings = Callable[[Mesh], Indices]
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,13 @@ class Motion:
         return np.asarray(((share > 0) & self.step.any(1))[faces].any(1))
 
 
-def allowed_share(motion: Motion, crossings: Crossings) -> Array:
+def allowed_share(motion: Motion) -> Array:
     """(v,) share in [0, 1] of its step that each vertex may take; all zero if none is safe."""
     share = np.ones(len(motion.vertices))
     ring = neighbours_of(motion.faces, len(share))
     near = _suspects(motion, share)
     for _ in range(SWEEPS):
-        near, bad = _spoilt_anywhere(motion, share, near, crossings)
+        near, bad = _spoilt_anywhere(motion, share, near)
         if not len(bad):
             return share
         before = share.copy()
@@ -70,7 +70,7 @@ def allowed_share(motion: Motion, crossings: Crossings) -> Array:
             share[reached] = np.minimum(share, ring @ share)[reached]
             # Only what has changed since can have become worse.
             changed = near[reached[motion.faces[near]].any(1)]
-            bad = _spoilt(motion, share, around(motion.at(share), changed, near), crossings)
+            bad = _spoilt(motion, share, around(motion.at(share), changed, near))
             if not len(bad):
                 break
         else:
@@ -78,10 +78,10 @@ def allowed_share(motion: Motion, crossings: Crossings) -> Array:
         # The rest was found sound where it is; what moved back may have met others.
         moved = np.flatnonzero((share != before)[motion.faces].any(1))
         near = around(motion.at(share), moved)
-    return _given_up(motion, share, near, crossings)
+    return _given_up(motion, share, near)
 
 
-def _given_up(motion: Motion, share: Array, near: Indices, crossings: Crossings) -> Array:
+def _given_up(motion: Motion, share: Array, near: Indices) -> Array:
     """`share` with nothing around what is still spoilt, and from there rising with the distance;
     all zero if that leaves something spoilt.
 
@@ -90,7 +90,7 @@ def _given_up(motion: Motion, share: Array, near: Indices, crossings: Crossings)
     """
     marks, radius, most = np.empty((0, 3)), np.empty(0), share
     for _ in range(GIVEN_UP):
-        near, bad = _spoilt_anywhere(motion, share, near, crossings)
+        near, bad = _spoilt_anywhere(motion, share, near)
         if not len(bad):
             return share
         corners = np.unique(motion.faces[bad])
@@ -102,7 +102,7 @@ def _given_up(motion: Motion, share: Array, near: Indices, crossings: Crossings)
         before, share = share, most * _ramp(marks, radius, motion.vertices)
         changed = np.flatnonzero((share != before)[motion.faces].any(1))
         near = around(motion.at(share), changed)
-    return share * (len(_spoilt_anywhere(motion, share, near, crossings)[1]) == 0)
+    return share * (len(_spoilt_anywhere(motion, share, near)[1]) == 0)
 
 
 def _wider(marks: Array, radius: Array, found: Array, least: float) -> Array:
@@ -165,18 +165,16 @@ def _reach(mesh: Mesh, among: Indices) -> float:
     return REACH * float(np.median(np.linalg.norm(corners[:, 0] - corners.mean(1), axis=1)))
 
 
-def _spoilt_anywhere(
-    motion: Motion, share: Array, near: Indices, crossings: Crossings
-) -> tuple[Indices, Indices]:
+def _spoilt_anywhere(motion: Motion, share: Array, near: Indices) -> tuple[Indices, Indices]:
     """Faces to look at further and those spoilt: of the faces `near`, and of all if none is."""
-    bad = _spoilt(motion, share, near, crossings)
+    bad = _spoilt(motion, share, near)
     if len(bad) or len(motion.faces) > MOST_FACES:
         return near, bad
-    bad = _spoilt(motion, share, np.arange(len(motion.faces)), crossings)
+    bad = _spoilt(motion, share, np.arange(len(motion.faces)))
     return around(motion.at(share), bad), bad
 
 
-def _spoilt(motion: Motion, share: Array, near: Indices, crossings: Crossings) -> Indices:
+def _spoilt(motion: Motion, share: Array, near: Indices) -> Indices:
     """Those of the faces `near` that the step folded over, flattened or led through another."""
     if not len(near):
         return near
@@ -186,7 +184,7 @@ def _spoilt(motion: Motion, share: Array, near: Indices, crossings: Crossings) -
     moved = motion.moving(share, faces)
     folded = np.asarray(np.einsum("fi,fi->f", after, before) <= 0)
     folded |= np.linalg.norm(after, axis=1) < FLAT * np.linalg.norm(before, axis=1)
-    pairs = crossings(mesh)
+    pairs = self_intersections(mesh)
     # A crossing of faces that have not moved was there before.
     new = pairs[moved[pairs].any(1)]
     spoilt: Indices = np.unique(np.concatenate([np.flatnonzero(folded & moved), new.ravel()]))

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mpf_core.cloud.neighbors import nearest
+from mpf_core.surface.intersections import self_intersections
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import face_crosses, face_normals
-from mpf_core.surface.takeback import Crossings
 
 SEARCHED, MOST_ROUNDS = 600_000, 30  # faces in all rounds together (20 µs each), and rounds
 PATIENCE = 5  # rounds without fewer crossings: the fine walls cross there themselves
@@ -28,10 +28,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-def uncrossed(coarse: Mesh, fine: Mesh, crossings: Crossings) -> Array:
+def uncrossed(coarse: Mesh, fine: Mesh) -> Array:
     """Vertices (v, 3) of `coarse`, a decimation of `fine`, moved until no two triangles cross.
 
-    `crossings` finds pairs of faces that cross. Where that does not end, as where `fine` crosses
+    Where that does not end, as where `fine` crosses
     itself, the vertices with the fewest pairs are returned; no triangle turns over.
     """
     if len(coarse.faces) > MOST_FACES:
@@ -40,7 +40,7 @@ def uncrossed(coarse: Mesh, fine: Mesh, crossings: Crossings) -> Array:
     fewest, since = np.inf, 0
     walls: _Walls | None = None
     for _ in range(min(MOST_ROUNDS, 1 + SEARCHED // max(len(coarse.faces), 1))):
-        pairs = crossings(mesh)
+        pairs = self_intersections(mesh)
         since += 1
         if len(pairs) < fewest:
             fewest, since, best = len(pairs), 0, mesh.vertices

@@ -12,9 +12,10 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 
+from mpf_core.surface.intersections import self_intersections
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import face_normals
-from mpf_core.surface.takeback import Crossings, around, neighbours_of
+from mpf_core.surface.takeback import around, neighbours_of
 
 ROUNDS = 5  # two tangles of some thirty took one round, the others two
 
@@ -22,15 +23,15 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-def untangled(vertices: Array, faces: Indices, crossings: Crossings) -> tuple[Array, int]:
+def untangled(vertices: Array, faces: Indices) -> tuple[Array, int]:
     """The vertices (v, 3) where fewest triangles cross, and how many fewer than before.
 
-    Only triangles near a sharp edge are looked at. `crossings` finds pairs of faces that cross.
+    Only triangles near a sharp edge are looked at.
     """
     if not len(faces):
         return vertices, 0
     near = around(Mesh(vertices, faces), _turning_back(vertices, faces))
-    found = crossings(Mesh(vertices, faces[near]))
+    found = self_intersections(Mesh(vertices, faces[near]))
     if not len(found):
         return vertices, 0
     before = left = len(np.unique(found))
@@ -39,7 +40,7 @@ def untangled(vertices: Array, faces: Indices, crossings: Crossings) -> tuple[Ar
         corners = np.unique(faces[near][found.ravel()])
         vertices = vertices.copy()
         vertices[corners] = mean[corners] @ vertices
-        found = crossings(Mesh(vertices, faces[near]))
+        found = self_intersections(Mesh(vertices, faces[near]))
         if len(found) < fewest:
             fewest, best, left = len(found), vertices, len(np.unique(found))
         if not fewest:

@@ -29,7 +29,6 @@ from mpf_core.outputs import write_result
 from mpf_core.parallel import workers
 from mpf_core.pipeline import PADDING
 from mpf_core.progress import CancelCheck, Clock, ProgressCallback
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.report import finished_report, frame_report, run_report
 from mpf_core.surface.edit import edited
 from mpf_core.surface.extraction import extract_mesh
@@ -92,14 +91,14 @@ def joined(
         blend = blended(plan, fields, cloud, samples)
         watch.enter("extract")
         painted = None if cloud.colors is None else (cKDTree(samples), cloud.colors)
-        taken = extract_mesh(blend, options.surface, crossings=self_intersections, painted=painted)
+        taken = extract_mesh(blend, options.surface, painted=painted)
         del painted
         watch.enter("fidelity")
         mesh, fidelity = onto_patches(
             taken.mesh, blend, field_paths, plan.shell, options.data, threads, watch.clock
         )
         watch.check()
-        final = edited(mesh, options.surface, blend, crossings=self_intersections)
+        final = edited(mesh, options.surface, blend)
         watch.enter("report")
         report = {
             **run_report(options),

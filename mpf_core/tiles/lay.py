@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from mpf_core.field.blend import BlendedField
 from mpf_core.options import DataOptions
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.surface.fidelity import Aim, Data, aim_at, follow, taken
 from mpf_core.surface.mesh import Mesh
 from mpf_core.tiles.patchfile import PATCHES, in_frame, read_patches
@@ -42,7 +41,7 @@ def onto_patches(
     vertices = whole.to_normalised(mesh.vertices)
     aim, deviation, bandwidth = _aims(vertices, mesh, blend, files, threads)
     data = Data(deviation, bandwidth, 2 * whole.length_to_normalised(shell))
-    moved = follow(vertices, mesh.faces, mesh.normals, aim, data, self_intersections, threads)
+    moved = follow(vertices, mesh.faces, mesh.normals, aim, data, threads)
     return taken(mesh, moved, whole, clock() - begin)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -15,11 +16,13 @@ import torch
 import mpf_core
 from mpf_core import Reconstruction, options_from, pipeline, reconstruct, results
 from mpf_core.errors import Cancelled, CloudError, Collinear, NotFinite, TooLarge, TooSmall
+from mpf_core.field.footprint import Footprint
 from mpf_core.fit.sampler import warm_pools
+from mpf_core.known import known_of
 from mpf_core.options import Options
 from mpf_core.progress import Progress
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.surface.edit import edited
+from mpf_core.watch import Watch
 from tests.mpf_core.clouds import Array, plane, sphere
 
 SMALL: dict[str, Any] = {
@@ -107,7 +110,7 @@ def test_the_report_tells_what_was_done(ball: Reconstruction) -> None:
 
 def test_a_mesh_can_be_had_of_one_layer_and_with_fewer_faces(ball: Reconstruction) -> None:
     wish = replace(small().surface, surface_kind="sheet", smoothing=3, max_faces=400)
-    final = edited(ball.mesh, wish, ball.fitted, crossings=self_intersections)
+    final = edited(ball.mesh, wish, ball.fitted)
     assert len(final.mesh.faces) <= 412
     assert final.mesh.normals is not None
     assert final.double_cover is not None  # a ball has one wall only, and stays closed
@@ -117,7 +120,7 @@ def test_a_mesh_can_be_had_of_one_layer_and_with_fewer_faces(ball: Reconstructio
     assert edits["faces"] == len(final.mesh.faces)
     assert 0 < edits["mean_distance"] < edits["largest_distance"] < 0.3
     assert 0 < final.edits["smoothing"]["mean_distance"] < 0.05
-    same = edited(ball.mesh, small().surface, ball.fitted, crossings=self_intersections)
+    same = edited(ball.mesh, small().surface, ball.fitted)
     assert same.mesh is ball.mesh
 
 
@@ -233,6 +236,22 @@ def test_the_time_budget_holds_for_the_whole_job() -> None:
     )
     # A tenth of a second a look, and the clock is looked at once an iteration or more.
     assert result.report["fit"]["planned_iterations"] < 480
+
+
+def test_what_is_kept_for_the_mesh_leaves_the_fit_its_share(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also where the samples took most of the time, and the mesh would need more than is left."""
+    monkeypatch.setattr(pipeline, "seconds_after_fit", lambda *_: 100.0)
+    clock = iter((0.0, 0.0, 50.0, 60.0, 70.0))
+    watch = Watch(lambda: next(clock), None, None)
+    options = small(time_budget=60.0)
+    points = sphere(300)
+    known = known_of(points, options, Watch(time.monotonic, None, None), 1)
+    footprint = Footprint.of(points, spacing=0.1, reach=0.1, thickness=None)
+    for kept in (36.0, 6.0, 0.0, 0.0):
+        deadline = pipeline._deadline(options, footprint, known.neighbours, known.start, watch)
+        assert deadline == pytest.approx(60.0 - kept)
 
 
 def test_a_file_becomes_all_artefacts(tmp_path: Path) -> None:

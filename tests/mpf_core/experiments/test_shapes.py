@@ -8,9 +8,9 @@ import pytest
 from mpf_core.errors import OptionsError
 from mpf_core.experiments.build import boxes, grid, lathe, tube
 from mpf_core.experiments.shapes import SHAPES, distances, sample, shape, whole
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.metrics import point_distances
 from mpf_core.quality.topology import topology
+from mpf_core.surface.intersections import self_intersections
 
 
 @pytest.mark.parametrize("name", SHAPES)

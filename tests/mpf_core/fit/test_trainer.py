@@ -307,6 +307,21 @@ def test_a_cancelled_fit_keeps_its_state_between_two_steps(tmp_path: Path, threa
     assert path.stat().st_size > 0
 
 
+def test_a_fit_cancelled_while_it_is_looked_at_goes_on_to_the_same(tmp_path: Path) -> None:
+    def snapshot(field: MetricPhaseField) -> None:
+        nonlocal looks
+        looks += 1
+        if looks == 4:  # at iteration 80, where the state is judged as well
+            raise Cancelled("cancelled while a preview was drawn", where="preview")
+
+    looks, options, path = 0, tiny(max_iterations=120), tmp_path / "state"
+    with pytest.raises(Cancelled):
+        fit(options, snapshot=snapshot, checkpoint=path)
+    resumed, log = fit(options, checkpoint=path)
+    assert log.resumed_from == 80
+    assert same(resumed, fit(options)[0])
+
+
 @pytest.mark.parametrize("damage", ["cut", "other", "not one", "emptied"])
 def test_a_checkpoint_that_cannot_be_used_is_told_and_left_out(tmp_path: Path, damage: str) -> None:
     options, path = tiny(max_iterations=120), tmp_path / "state"

@@ -14,7 +14,6 @@ from mpf_core.field import MetricPhaseField
 from mpf_core.field.fitted import FittedField
 from mpf_core.field.footprint import Footprint
 from mpf_core.options import SurfaceOptions
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.topology import topology
 from mpf_core.surface.boxed import kept_within, leaves
 from mpf_core.surface.extraction import extract_mesh
@@ -65,7 +64,7 @@ def test_the_report_tells_of_the_cut(radius: float, ended: bool) -> None:
     box = np.array([np.full(3, -0.8), np.full(3, 0.8)])
     field = Ball(MetricPhaseField(width=8), Similarity(np.zeros(3), 1.0), box, footprint, radius)
     options = SurfaceOptions(resolution=48)
-    found = extract_mesh(field, options, crossings=self_intersections)
+    found = extract_mesh(field, options)
     assert found.report["ended_at_sides"] is ended
     assert topology(found.mesh).boundary_edges == 0
 

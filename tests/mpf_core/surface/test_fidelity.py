@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from mpf_core.cloud.neighbors import analyse
 from mpf_core.cloud.normalize import Similarity
-from mpf_core.options import DataOptions
-from mpf_core.quality.intersections import self_intersections
+from mpf_core.options import DataOptions, SurfaceOptions
 from mpf_core.quality.topology import topology
 from mpf_core.surface import coarsen, fidelity
 from mpf_core.surface.fidelity import Moved, follow_data, onto_data
+from mpf_core.surface.intersections import self_intersections
 from mpf_core.surface.isosurface import Grid, extract
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import unit_normals
@@ -40,8 +40,7 @@ class Case:
         cloud = analyse(self.points, threads=1)
         return follow_data(
             self.vertices, self.faces, self.directions, cloud, self.normals,
-            np.full(len(self.points), sheet, np.int8), shell=SHELL, thickness=thickness,
-            crossings=self_intersections, threads=1,
+            np.full(len(self.points), sheet, np.int8), shell=SHELL, thickness=thickness, threads=1,
         )  # fmt: skip
 
 
@@ -200,7 +199,7 @@ def test_off_or_without_a_local_fit_the_mesh_is_the_networks(switch: str) -> Non
     mesh = Mesh(given.vertices, given.faces, given.directions)
     same, report = onto_data(
         mesh, Similarity(np.zeros(3), 1.0), None, DataOptions(fidelity=switch),
-        spacing=given.spacing, crossings=self_intersections,
+        spacing=given.spacing,
     )  # fmt: skip
     assert same is mesh
     assert report["applied"] is False
@@ -208,4 +207,4 @@ def test_off_or_without_a_local_fit_the_mesh_is_the_networks(switch: str) -> Non
 
 
 def test_no_mesh_that_coarsening_leaves_is_too_large_for_the_last_step() -> None:
-    assert fidelity.MOST_VERTICES > coarsen.WORTH * coarsen.MOST / 2
+    assert coarsen.WORTH * SurfaceOptions().coarsen_to / 2 < fidelity.MOST_VERTICES

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from mpf_core.field.footprint import Footprint
 from mpf_core.fit.initialize import Initialization
-from mpf_core.options import SurfaceOptions
+from mpf_core.options import PRESETS, SurfaceOptions
 from mpf_core.quality.topology import topology
 from mpf_core.surface.isosurface import Grid, extract
 from mpf_core.surface.mesh import Mesh
@@ -49,6 +49,13 @@ def test_solids_get_three_cells_a_spacing() -> None:
     assert chosen.cells == round(2 * CELLS_PER_SPACING / 0.03)
     assert "three cells" in chosen.reason
     assert choose_resolution(AUTO, sampled(0.03, seeded=None)) == chosen
+
+
+def test_a_draft_has_time_for_fewer_cells_but_walls_get_theirs() -> None:
+    draft = PRESETS["draft"].surface
+    chosen = choose_resolution(draft, sampled(0.005, seeded=1.0))
+    assert chosen.cells == draft.highest_resolution < HIGHEST
+    assert choose_resolution(draft, sampled(0.005, wall=0.006)).cells > draft.highest_resolution
 
 
 def test_sheets_get_cells_finer_than_their_shell() -> None:

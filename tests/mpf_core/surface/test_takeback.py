@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.surface import takeback
+from mpf_core.surface.intersections import self_intersections
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import face_crosses
 from mpf_core.surface.takeback import Motion, allowed_share
@@ -46,7 +46,7 @@ def test_a_harmless_step_is_taken_whole() -> None:
     step = np.zeros_like(vertices)
     step[:, 2] = 0.1 * np.sin(3 * vertices[:, 0])
     motion = upward(vertices, faces, step)
-    assert (allowed_share(motion, self_intersections) == 1).all()
+    assert (allowed_share(motion) == 1).all()
 
 
 def test_a_vertex_that_folds_its_triangles_stays_back_alone() -> None:
@@ -56,7 +56,7 @@ def test_a_vertex_that_folds_its_triangles_stays_back_alone() -> None:
     step[middle] = [0.4, 0.0, 0.0]
     motion = upward(vertices, faces, step)
     assert spoilt(motion, np.ones(len(vertices))) > 0
-    share = allowed_share(motion, self_intersections)
+    share = allowed_share(motion)
     assert spoilt(motion, share) == 0
     far = np.linalg.norm(vertices - vertices[middle], axis=1) > 0.5
     assert (share[far] == 1).all()
@@ -75,7 +75,7 @@ def test_walls_that_would_change_places_do_not() -> None:
     outward[: len(low), 2], outward[len(low) :, 2] = -1, 1
     motion = Motion(vertices, both, step, outward, ~step.any(axis=1))
     assert spoilt(motion, np.ones(len(vertices))) > 0
-    share = allowed_share(motion, self_intersections)
+    share = allowed_share(motion)
     assert spoilt(motion, share) == 0
     assert share.max() == 1
 
@@ -89,7 +89,7 @@ def test_crossings_of_what_does_not_move_stay_and_stop_nothing() -> None:
     step[moving, 2] = 0.02
     motion = upward(vertices, np.concatenate([faces, faces + len(flat)]), step)
     assert len(self_intersections(Mesh(motion.vertices, motion.faces))) > 0
-    assert (allowed_share(motion, self_intersections)[moving] == 1).all()
+    assert (allowed_share(motion)[moving] == 1).all()
 
 
 def test_where_halving_does_not_help_both_walls_stop_at_the_same_place(
@@ -110,7 +110,7 @@ def test_where_halving_does_not_help_both_walls_stop_at_the_same_place(
     outward[: len(low), 2] = -1
     motion = Motion(vertices, np.concatenate(parts), step, outward, ~step.any(axis=1))
     assert spoilt(motion, np.ones(len(vertices))) > 0
-    share = allowed_share(motion, self_intersections)
+    share = allowed_share(motion)
     assert spoilt(motion, share) == 0
     np.testing.assert_allclose(share[: len(low)], share[len(low) : 2 * len(low)], atol=0.2)
     far = np.linalg.norm(vertices[:, :2], axis=1) > 0.7

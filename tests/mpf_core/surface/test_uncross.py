@@ -17,9 +17,9 @@ from mpf_core.field import MetricPhaseField
 from mpf_core.field.fitted import FittedField
 from mpf_core.field.footprint import Footprint
 from mpf_core.options import SurfaceOptions
-from mpf_core.quality.intersections import self_intersections
 from mpf_core.quality.topology import topology
 from mpf_core.surface.edit import edited
+from mpf_core.surface.intersections import self_intersections
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import face_crosses, vertex_normals
 from mpf_core.surface.simplify import decimated, deviation
@@ -47,7 +47,7 @@ def test_walls_that_decimation_crossed_are_parted(name: str, target: int) -> Non
     assert len(self_intersections(fine)) == 0
     coarse = Mesh(*decimated(fine.vertices, fine.faces, target))
     assert len(self_intersections(coarse)) > 0
-    parted = Mesh(uncrossed(coarse, fine, self_intersections), coarse.faces)
+    parted = Mesh(uncrossed(coarse, fine), coarse.faces)
     assert len(self_intersections(parted)) == 0
     before, after = topology(coarse), topology(parted)
     assert after.watertight
@@ -63,7 +63,7 @@ def test_walls_that_decimation_crossed_are_parted(name: str, target: int) -> Non
 def test_what_does_not_cross_stays_as_it_is() -> None:
     fine = shell("leaf")
     coarse = Mesh(*decimated(fine.vertices, fine.faces, 4000))
-    assert uncrossed(coarse, fine, self_intersections) is coarse.vertices
+    assert uncrossed(coarse, fine) is coarse.vertices
 
 
 def test_a_surface_that_crosses_itself_gets_no_worse() -> None:
@@ -73,7 +73,7 @@ def test_a_surface_that_crosses_itself_gets_no_worse() -> None:
         np.concatenate([leaf.faces, leaf.faces + len(leaf.vertices)]),
     )
     coarse = Mesh(*decimated(twice.vertices, twice.faces, 4000))
-    moved = Mesh(uncrossed(coarse, twice, self_intersections), coarse.faces)
+    moved = Mesh(uncrossed(coarse, twice), coarse.faces)
     assert 0 < len(self_intersections(moved)) <= len(self_intersections(coarse))
     turned = np.einsum("fi,fi->f", face_crosses(moved), face_crosses(coarse)) <= 0
     assert not turned.any()
@@ -87,7 +87,7 @@ def test_the_walls_of_what_is_asked_for_do_not_cross() -> None:
     samples = fine.vertices[::10]
     footprint = Footprint.of(samples, spacing=0.02, reach=0.02, thickness=THIN)
     fitted = FittedField(MetricPhaseField(width=8), similarity, np.ones((2, 3)), footprint)
-    final = edited(mesh, SurfaceOptions(max_faces=1000), fitted, crossings=self_intersections)
+    final = edited(mesh, SurfaceOptions(max_faces=1000), fitted)
     assert len(final.mesh.faces) <= 1024
     assert len(self_intersections(final.mesh)) == 0
     told = final.edits["decimation"]["largest_distance"]

@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from mpf_core.quality.intersections import self_intersections
+from mpf_core.surface.intersections import self_intersections
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.untangle import untangled
 
@@ -13,7 +13,7 @@ VERTICES = np.asarray(SPHERE.vertices)
 
 
 def test_a_sound_mesh_stays_bit_for_bit() -> None:
-    vertices, count = untangled(VERTICES, FACES, self_intersections)
+    vertices, count = untangled(VERTICES, FACES)
 
     assert count == 0
     assert np.array_equal(vertices, VERTICES)
@@ -27,7 +27,7 @@ def test_vertices_thrown_about_are_parted_where_they_cross() -> None:
     pairs = self_intersections(Mesh(tangled, FACES))
     assert len(pairs)
 
-    vertices, count = untangled(tangled, FACES, self_intersections)
+    vertices, count = untangled(tangled, FACES)
 
     assert count == len(np.unique(pairs))
     assert not len(self_intersections(Mesh(vertices, FACES)))
@@ -37,14 +37,14 @@ def test_vertices_thrown_about_are_parted_where_they_cross() -> None:
 
 
 def test_nothing_at_all_stays_nothing() -> None:
-    assert untangled(np.zeros((0, 3)), np.zeros((0, 3), np.int64), self_intersections)[1] == 0
+    assert untangled(np.zeros((0, 3)), np.zeros((0, 3), np.int64))[1] == 0
 
 
 def test_what_has_no_sharp_edge_is_no_tangle() -> None:
     both = np.concatenate([VERTICES, VERTICES + np.array([0.5, 0.0, 0.0])])
     faces = np.concatenate([FACES, FACES + len(VERTICES)])
 
-    vertices, count = untangled(both, faces, self_intersections)
+    vertices, count = untangled(both, faces)
 
     assert count == 0
     assert np.array_equal(vertices, both)

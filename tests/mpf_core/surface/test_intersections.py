@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpf_core.quality.intersections import overlapping_boxes, self_intersections
+from mpf_core.surface.intersections import overlapping_boxes, self_intersections
 from mpf_core.surface.mesh import Mesh
 from tests.mpf_core.quality.meshes import box, grid_sheet, icosphere, joined, moved
 
