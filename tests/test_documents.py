@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from mpf_core.options import PRESETS
+
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
@@ -48,3 +50,15 @@ def test_the_architecture_names_every_room(package: str) -> None:
     text = (ROOT / "ARCHITECTURE.md").read_text()
     rooms = [f.parent.name for f in (ROOT / package).glob("*/__init__.py")]
     assert not [room for room in rooms if f"`{room}/`" not in text]
+
+
+def test_the_readme_tells_the_presets_as_they_are() -> None:
+    told = re.findall(
+        r"^\| `(\w+)` \| ([\d ]+) \| (.+?) \|", (ROOT / "README.md").read_text(), re.M
+    )
+    found = {name: (int(steps.replace(" ", "")), time) for name, steps, time in told}
+    assert found.keys() == PRESETS.keys()
+    for name, (steps, time) in found.items():
+        fit = PRESETS[name].fit
+        assert steps == fit.max_iterations
+        assert time == ("a week" if fit.time_budget == 7 * 86_400 else f"{fit.time_budget:g} s")
