@@ -66,9 +66,9 @@ class FitOptions:
     analysed: int = option(
         200_000,
         "Samples at most that the start is made from, one of each voxel of larger clouds; a draft "
-        "has time for half. The surface terms see all.",
+        "has time for half. The surface terms see all of a clean cloud.",
         low=1000,
-        high=1_000_000,
+        high=240_000,
     )
     warm_start: bool = option(
         True, "Regress r and θ to a classical fit first; without it no CPU budget suffices."
@@ -205,18 +205,18 @@ class SurfaceOptions:
     )
     highest_resolution: int = option(
         512,
-        "As many cells at most that are chosen; thin walls may have more. A draft has time for "
-        "half as many crossed cells.",
+        "As many cells at most that are chosen, more of a scene in tiles; thin walls may have "
+        "more. A draft has time for half as many crossed cells.",
         low=LOWEST_RESOLUTION,
         high=1024,
         unit="cells",
     )
     coarsen_to: int = option(
         500_000,
-        "Faces at most that coarsening leaves, more of a scene in tiles: for so many a preset has "
-        "time.",
+        "About as many faces at most that coarsening leaves, more of a scene in tiles: for so many "
+        "a preset and the last step have time.",
         low=20_000,
-        high=2_000_000,
+        high=500_000,
         unit="faces",
     )
     coarsen: str = option(
@@ -302,7 +302,8 @@ class TileOptions:
     tile_points: int = option(
         400_000,
         "Samples of a tile. A fit analyses at most 200 000 of those that it is given, and its "
-        "network cannot hold more: two in one voxel are no loss, three would be.",
+        "network cannot hold more: two in one voxel are no loss, three would be. A draft, which "
+        "analyses half as many, shows less.",
         low=100,
         high=10_000_000,
         unit="samples",

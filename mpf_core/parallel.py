@@ -1,9 +1,9 @@
 """Threads that share one step's work: each takes a part of the points, on one core.
 
 Data-parallel blocks beat threads inside every operation: there is no barrier after each of the
-hundreds of small operations of a step, a part stays in its core's cache, and a busy machine slows
-a step by the share of time that it takes, not by a wait at every barrier. Results depend on the
-number of threads (the order of sums), not on timing.
+hundreds of small operations of a step, and a busy machine slows a step by the share of time that it
+takes, not by a wait at every barrier. Results depend on the number of threads (the order of sums),
+not on timing.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ class Quadrics:
 class Kernel:
     """width: k over the local spacing, of `neighbours` samples; deviation: standard error that it
     leaves, in the samples' units; noise: spread of the samples about their fits; exact: whether the
-    samples are as good as that."""
+    samples lie on the surface, so that there is no noise to take off."""
 
     width: float
     neighbours: int
@@ -108,21 +108,24 @@ def best_kernel(samples: Samples, scale: Array, threads: int = -1) -> Kernel:
     spacing = float(np.median(at[2]))
     enough, noticed = NEGLIGIBLE * spacing, NOTICED * spacing
     best: Kernel | None = None
-    first = 0.0
+    spreads: list[float] = []
     for width, count in KERNELS:
         if best is not None and (count > n // 4 or count * n > PAIRS or best.noise <= enough):
             break
         fit = fitted(samples, *at, (width, count), threads)
         spread = _spread(np.abs(fit.height) / np.maximum(1 - fit.leverage, 0.05))
+        spreads.append(spread)
         if best is None or spread < BETTER * best.noise:
             share = float(np.median(fit.leverage))
-            deviation = spread * np.sqrt(share * (1 - share))
-            best, first = Kernel(width, count, deviation, spread, best is None), first or spread
-        elif best.exact:
-            # What the narrowest errs by is noise, unless it grows with the kernel as bends do.
-            best = replace(best, exact=spread > CURVED * first or first < noticed)
+            best = Kernel(width, count, spread * np.sqrt(share * (1 - share)), spread, best is None)
     assert best is not None
-    return best
+    return replace(best, exact=best.exact and _exact(spreads, noticed))
+
+
+def _exact(spreads: list[float], noticed: float) -> bool:
+    """Whether what the narrowest kernel errs by is no noise: it is small, or grows with the next
+    kernel, as of bends; or there was no other."""
+    return len(spreads) == 1 or spreads[0] < noticed or spreads[1] > CURVED * spreads[0]
 
 
 def _spread(errors: Array) -> float:

@@ -46,8 +46,8 @@ OF_THETA: dict[str, tuple[str, ...]] = {
 
 
 def compilations(kept: torch.dtype | None) -> Iterator[Callable[[], None]]:
-    """What compiles, one after another, all that a fit with arrays kept in that type calls, or all
-    that θ alone takes."""
+    """What compiles, one after another, all that the sweeps of a fit with arrays kept in that
+    type call, or all that θ alone takes."""
     for name, forms in (OF_THETA if kept is None else FORMS).items():
         for form in forms:
             yield compilation(getattr(kernels, name), form, kept)

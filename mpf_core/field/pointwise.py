@@ -35,6 +35,12 @@ class Choice:
                 self._of_fits[kept] = found
         return found
 
+    def give_up(self, reason: str) -> None:
+        """Compile nothing from now on, and use nothing that is compiled."""
+        with self._lock:
+            self.reason, self._of_theta = reason, plain
+            self._of_fits = dict.fromkeys(self._of_fits, plain)
+
     def functions_of_theta(self, cancel: CancelCheck | None) -> ModuleType:
         if self._of_theta is None:
             with self._lock:
@@ -54,9 +60,14 @@ class Choice:
         except Cancelled:
             raise
         except Exception as error:  # a compiler fails in ways of its own; a fit can do without
-            self.reason = f"{type(error).__name__}: {error}".splitlines()[0]
+            self.reason = told(error)
             return plain
         return fused
+
+
+def told(error: Exception) -> str:
+    """In one line, for the report."""
+    return f"{type(error).__name__}: {error}".splitlines()[0]
 
 
 _chosen = [Choice()]  # the last one holds
@@ -73,6 +84,11 @@ def functions(kept: torch.dtype, cancel: CancelCheck | None = None) -> ModuleTyp
 def functions_of_theta(cancel: CancelCheck | None = None) -> ModuleType:
     """What works on θ alone, in float32; raises Cancelled likewise."""
     return _chosen[-1].functions_of_theta(cancel)
+
+
+def give_up(error: Exception) -> None:
+    """All is `plain` from now on, because something else that a fit needs cannot be compiled."""
+    _chosen[-1].give_up(told(error))
 
 
 def why_plain() -> str | None:

@@ -2,7 +2,8 @@
 
 The backward passes are derived by hand (`waves`): sines and cosines are taken once, and
 intermediates are overwritten where they are not needed again. Points are shared among threads and
-pass in blocks that stay in a core's cache. The nodes cannot be differentiated twice.
+pass in blocks: products of few rows cost more each, as their weights are packed anew each time. The
+nodes cannot be differentiated twice.
 
 `descend` goes there and back block by block without a graph, where the derivatives of the loss with
 respect to the outputs are known by themselves.

@@ -9,6 +9,9 @@ where ρ is r, or 1 in the ablation "phase", and κ is 1, or 0 in both ablations
 derivative of the weighted sum of all terms with respect to a quantity; each loop writes ȳ, ḡ, l̄.
 `tally` (TALLY,) collects the unweighted sums of the terms and, last, β̄. `first` is the number of
 the first point in its batch, `count` that of the samples with which a batch begins.
+
+Constants of `losses` stand here again, because the compiler's cache looks for changes in this file
+only.
 """
 
 # Loops over numpy arrays have no types that mypy could check: the compiler checks them.
@@ -23,12 +26,14 @@ import numpy as np
 
 from mpf_core.field.fused import compilation
 from mpf_core.field.kernels import COMPILED, compiled
-from mpf_core.fit.losses import SOFT, TINY
 
 TERMS = ("zero", "align", "eik_r", "eik_phi", "lap", "phase", "far", "normal", "regression")
 ZERO, ALIGN, EIK_R, EIK_PHI, LAP, PHASE, FAR, NORMAL, REGRESSION = range(len(TERMS))
 BETA = len(TERMS)
 TALLY = BETA + 1
+
+SOFT, TINY = 0.1, 1e-8
+SCALE = 0.03  # of the regression
 
 # What `constants` (5,) holds.
 NAMES = ("beta", "slope", "alpha", "rho", "kappa")
@@ -122,11 +127,10 @@ def values(tally, y_bar, y, side, first, weights, constants):
 @compiled
 def regressions(tally, y_bar, y, theta, r, first, weights, constants):
     """The warm start: θ and r (m,) of all the batch are its targets."""
-    scale = 0.03
     for i in range(y.shape[1]):
         metric, gate = _metric(float(y[0, i]), constants[1])
-        of_theta = 10.0 / (1.0 + abs(float(theta[first + i])) / scale)
-        of_r = 3.0 / (1.0 + float(r[first + i]) / scale)
+        of_theta = 10.0 / (1.0 + abs(float(theta[first + i])) / SCALE)
+        of_r = 3.0 / (1.0 + float(r[first + i]) / SCALE)
         off_theta, off_r = float(y[1, i]) - theta[first + i], metric - r[first + i]
         tally[REGRESSION] += of_theta * abs(off_theta) + of_r * abs(off_r)
         y_bar[0, i] = weights[REGRESSION] * of_r * np.sign(off_r) * gate

@@ -165,7 +165,9 @@ def _course(neighbours: Neighborhoods, lid: Array, voxel: float) -> float:
     middle = np.stack([np.bincount(piece, lid[:, i]) / size for i in range(3)], axis=1)
     ends = np.flatnonzero(neighbours.rim.any(1))
     distance, index = nearest(tree, neighbours.points[ends], 1)
-    close = distance[:, 0] < 2 * voxel + neighbours.spacing[ends]
+    # The lid begins where the discs of the samples end.
+    reach = 2 * voxel + neighbours.disc_radius[ends] + neighbours.spacing[ends]
+    close = distance[:, 0] < reach
     ends, piece_of = ends[close], piece[index[close, 0]]
     if not len(ends):
         return 1.0

@@ -18,6 +18,7 @@ Scalar = Float[Tensor, ""]
 # where ∇r vanishes, as it does on the surface; v/(|v| + ε) with a small ε makes fits explode there.
 SOFT = 0.1
 TINY = 1e-8
+SCALE = 0.03  # of the regression: a few spacings
 
 
 def zero_loss(fields: FieldJets) -> Scalar:
@@ -83,7 +84,7 @@ def normal_loss(phi: Jet, normals: Float[Tensor, "n 3"], *, oriented: bool = Fal
 
 
 def regression_loss(
-    fields: FieldJets, theta: Float[Tensor, " n"], r: Float[Tensor, " n"], scale: float = 0.03
+    fields: FieldJets, theta: Float[Tensor, " n"], r: Float[Tensor, " n"], scale: float = SCALE
 ) -> Scalar:
     """Distance of θ and r from the classical start (not in the paper).
 

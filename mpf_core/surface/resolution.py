@@ -15,8 +15,8 @@ CELLS_PER_SPACING = 3.0  # finer cells than a third of the spacing show the netw
 CELLS_PER_SHELL = 3.0  # at two, a shell that the fit left a little thinner is perforated
 SHEETS_FROM = 0.97  # share of samples that bound enclosed space below which there are sheets
 LOWEST = LOWEST_RESOLUTION
-HIGHEST = 512  # for thin walls, but
-# walls thinner than a cell are perforated: for them, and no further, the grid may be finer.
+HIGHEST = 512  # that thin walls get whatever `highest_resolution` says
+# Walls thinner than a cell are perforated. For them, and no further, the grid may be finer.
 LEAST_PER_WALL, HIGHEST_OF_ALL = 1.4, 1024
 FLAT = 0.02  # of the longest extent: along a shorter one, cells are made finer by themselves
 MOST_FINER = 16
@@ -66,7 +66,7 @@ def _cells(spacing: float, thickness: float | None, highest: int, networks: int)
     most = min(round(highest * networks**0.5), HIGHEST_OF_ALL)
     found = _held(2.0 * CELLS_PER_SPACING / spacing, most, "three cells a sample spacing")
     if thickness is not None:
-        most = min(round(HIGHEST * networks**0.5), HIGHEST_OF_ALL)
+        most = min(round(max(highest, HIGHEST) * networks**0.5), HIGHEST_OF_ALL)
         most = min(max(most, round(2.0 * LEAST_PER_WALL / thickness)), HIGHEST_OF_ALL)
         across = 2.0 * CELLS_PER_SHELL / thickness
         wall = _held(across, most, "three cells across the thinnest wall or shell")

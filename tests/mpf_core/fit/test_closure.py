@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from mpf_core.cloud.neighbors import Neighborhoods
+from mpf_core.cloud.normalize import Similarity
+from mpf_core.experiments.shapes import sample
 from mpf_core.fit import closure
 from mpf_core.fit.closure import close_gaps
 from mpf_core.fit.freespace import INSIDE, FreeSpace
 from mpf_core.fit.initialize import Initialization
+from mpf_core.known import known_of
+from mpf_core.options import Options
+from mpf_core.watch import Watch
 from tests.mpf_core.fit.conftest import RADIUS
 
 Make = Callable[[str], Neighborhoods]
@@ -54,6 +60,17 @@ def test_the_warm_start_closes_the_gap_and_not_the_bowl(start: Start) -> None:
     assert start("gap").seeded > 0.8
     assert start("hemisphere").space.enclosures == 0
     assert start("hemisphere").seeded == 0
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+def test_holes_are_seen_through_noise(noise: float) -> None:
+    """Discs of thinned and smoothed samples reach farther into a hole than their spacing."""
+    points = sample("holed-body", 20_000, 0)
+    points = points + noise * np.random.default_rng(0).normal(size=points.shape)
+    points = Similarity.of(points).to_normalised(points)
+    start = known_of(points, Options(), Watch(time.monotonic, None, None), 2).start
+    assert start is not None
+    assert start.seeded > 0.9
 
 
 def test_discs_merged_by_voxels_wind_around_the_same(

@@ -12,10 +12,11 @@ from torch import Tensor
 from mpf_core.cloud.neighbors import analyse
 from mpf_core.errors import Cancelled
 from mpf_core.experiments.shapes import sample
-from mpf_core.field import MetricPhaseField
+from mpf_core.field import MetricPhaseField, plain, pointwise
 from mpf_core.field.metric_phase import COMPOSITES
 from mpf_core.field.pointwise import uncompiled
-from mpf_core.fit import adjoints
+from mpf_core.field.sweeps import GradientSweep, LaplacianSweep, ValueSweep
+from mpf_core.fit import adjoints, losses
 from mpf_core.fit.batch import Stage, draw
 from mpf_core.fit.compiled import prepare
 from mpf_core.fit.initialize import initialize
@@ -91,6 +92,36 @@ def test_a_step_by_hand_is_that_of_autograd(
         plain_terms, plain = gradients(pools["warm"], options, stage)
     assert_alike(terms, plain_terms, 1e-5)
     assert_alike(found, plain, 3e-4)
+
+
+def test_blocks_do_not_matter(pools: dict[str, Pools], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the samples end within one, and the last is smaller."""
+    whole = gradients(pools["warm"], OPTIONS, FADING)
+    for sweep, block in ((GradientSweep, 64), (ValueSweep, 70), (LaplacianSweep, 16)):
+        monkeypatch.setattr(sweep, "block", block)
+    terms, found = gradients(pools["warm"], OPTIONS, FADING, threads=2)
+    assert_alike(terms, whole[0], 1e-6)
+    assert_alike(found, whole[1], 1e-4)
+
+
+def test_constants_are_those_of_the_losses() -> None:
+    for name in ("SOFT", "TINY", "SCALE"):
+        assert getattr(adjoints, name) == getattr(losses, name)
+
+
+def test_without_these_loops_nothing_is_compiled(
+    pools: dict[str, Pools], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full() -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(adjoints, "compilations", lambda: iter([full]))
+    monkeypatch.setattr(pointwise, "_chosen", [pointwise.Choice()])
+    assert prepare(torch.float32) is plain
+    assert "No space left" in (pointwise.why_plain() or "")
+    found = gradients(pools["warm"], OPTIONS, ALL)[1]
+    with uncompiled():
+        assert_alike(found, gradients(pools["warm"], OPTIONS, ALL)[1], 1e-6)
 
 
 @pytest.mark.parametrize("kind", ["sides in part unknown", "paper"])
