@@ -30,6 +30,9 @@ WIDEST = 3.0  # spacings from its middle: caps over wider ones, which are flat, 
 # Largest distance to the nearest sample over that to the last of AROUND: where samples leave out
 # more, as random ones hardly do once in ten thousand, the hole is the object's.
 LEFT_OUT = 0.6
+# Places in one pass, of some milliseconds each. A surface with more is no sheet with pinholes but
+# the noise of a fit that has hardly begun, or has failed; one took over 20 minutes.
+MOST = 5000
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -48,6 +51,8 @@ def without_perforations(
         heed()
         saddles = vertices[angles > 2 * np.pi + excess]
         tunnels = _tunnels(saddles, samples, together * spacing)
+        if len(tunnels) > MOST:
+            continue
         vertices, faces, count = _capped(vertices, faces, tunnels, spacing)
         if count:
             closed, angles = closed + count, _angles(vertices, faces)
@@ -64,6 +69,7 @@ def _capped(
     removed, caps = np.zeros(len(faces), dtype=bool), []
     middles: list[Array] = []
     for middle, radius in tunnels:
+        heed()
         ring = None
         for margin in MARGINS:
             reach = radius + margin * spacing

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 
 from mpf_core.quality.topology import topology
+from mpf_core.surface import perforations
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.perforations import without_perforations
 
@@ -75,3 +76,11 @@ def test_a_whole_shell_is_left_as_it_is() -> None:
     _, faces, closed = without_perforations(mesh.vertices, mesh.faces, samples([]), SPACING)
     assert closed == 0
     assert np.array_equal(faces, mesh.faces)
+
+
+def test_too_many_places_are_no_pinholes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(perforations, "MOST", 2)
+    mesh = shell(PINHOLES)
+    vertices, faces, closed = without_perforations(mesh.vertices, mesh.faces, samples([]), SPACING)
+    assert closed == 0
+    assert np.array_equal(faces, mesh.faces) and np.array_equal(vertices, mesh.vertices)
