@@ -117,9 +117,10 @@ def best_kernel(samples: Samples, scale: Array, threads: int = -1) -> Kernel:
         spreads.append(spread)
         if best is None or spread < BETTER * best.noise:
             share = float(np.median(fit.leverage))
-            best = Kernel(width, count, spread * np.sqrt(share * (1 - share)), spread, best is None)
+            best = Kernel(width, count, spread * np.sqrt(share * (1 - share)), spread, exact=False)
     assert best is not None
-    return replace(best, exact=best.exact and _exact(spreads, noticed))
+    narrowest = best.width == KERNELS[0][0]
+    return replace(best, exact=narrowest and _exact(spreads, noticed))
 
 
 def _exact(spreads: list[float], noticed: float) -> bool:

@@ -17,7 +17,7 @@ from mpf_core.field import kernels
 
 NAME = "fused"
 
-_PLAIN = {"0": types.none, "i": types.int64}
+_NOT_ARRAYS = {"0": types.none, "i": types.int64}
 
 # Types of the arguments: K kept, F float32, with the number of dimensions; 0 left out.
 FORMS: dict[str, tuple[str, ...]] = {
@@ -57,8 +57,8 @@ def compilation(kernel: Any, form: str, kept: torch.dtype | None) -> Callable[[]
     """What compiles a loop for arguments of that form (see FORMS; D float64, i an integer)."""
 
     def of(code: str) -> Any:
-        if code in _PLAIN:
-            return _PLAIN[code]
+        if code in _NOT_ARRAYS:
+            return _NOT_ARRAYS[code]
         narrow = code[0] == "K" and kept is torch.bfloat16
         entry = types.uint16 if narrow else types.float64 if code[0] == "D" else types.float32
         return types.Array(entry, int(code[1]), "C")
@@ -87,12 +87,12 @@ def _over_tensors(name: str) -> Callable[..., None]:
     kernel = getattr(kernels, name)
 
     def run(*arguments: Tensor | None) -> None:
-        kernel(*[_array(a) for a in arguments])
+        kernel(*[array_of(a) for a in arguments])
 
     return run
 
 
-def _array(a: Tensor | None) -> Any:
+def array_of(a: Tensor | None) -> Any:
     """The tensor's memory as numpy sees it."""
     if a is None:
         return None

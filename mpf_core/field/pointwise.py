@@ -7,7 +7,7 @@ earlier process serves (numba keeps it beside the package or in NUMBA_CACHE_DIR)
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
 
@@ -53,16 +53,21 @@ class Choice:
         try:
             from mpf_core.field import fused
 
-            for compilation in fused.compilations(kept):
-                if cancel is not None and cancel():
-                    raise Cancelled("cancelled while loops were compiled", where="compilation")
-                compilation()
+            compile_all(fused.compilations(kept), cancel)
         except Cancelled:
             raise
         except Exception as error:  # a compiler fails in ways of its own; a fit can do without
             self.reason = told(error)
             return plain
         return fused
+
+
+def compile_all(compilations: Iterable[Callable[[], None]], cancel: CancelCheck | None) -> None:
+    """Run them; raises Cancelled when `cancel` says so, which is asked before each."""
+    for compilation in compilations:
+        if cancel is not None and cancel():
+            raise Cancelled("cancelled while loops were compiled", where="compilation")
+        compilation()
 
 
 def told(error: Exception) -> str:

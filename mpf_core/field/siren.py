@@ -83,23 +83,9 @@ class Siren(nn.Module):
 
         Returns what their `bars` summed, (tally,).
         """
-        bars, tallied = descend(self._parameters_of_sweeps(), self.precision, asked, tally)
-        w1, b1, w2, b2, v3, b3, v, offsets = bars
-        for parameter, bar in (
-            (self.input_weight, w1),
-            (self.input_bias, b1),
-            (self.shared_weight, w2),
-            (self.shared_bias, b2),
-            (self.metric_weight, v3[0]),
-            (self.phase_weight, v3[1]),
-            (self.metric_bias, b3[0]),
-            (self.phase_bias, b3[1]),
-            (self.metric_output, v[0]),
-            (self.phase_output, v[1]),
-            (self.metric_offset, offsets[0]),
-            (self.phase_offset, offsets[1]),
-        ):
-            parameter.grad = bar.contiguous() if parameter.grad is None else parameter.grad + bar
+        parameters = self._parameters_of_sweeps()
+        bars, tallied = descend(parameters, self.precision, asked, tally)
+        torch.autograd.backward(parameters, bars)  # through their stacking
         return tallied
 
     def _parameters_of_sweeps(self) -> tuple[Tensor, ...]:

@@ -7,8 +7,9 @@ Letters: n points; y (2, n) the network's outputs, a and θ, with gradients g (2
 Laplacians l (2, n); r = softplus(a), gate = dr/da; P = tanh(βθ), P′ = β(1 − P²); φ = ρ·P + κθ,
 where ρ is r, or 1 in the ablation "phase", and κ is 1, or 0 in both ablations. A bar marks the
 derivative of the weighted sum of all terms with respect to a quantity; each loop writes ȳ, ḡ, l̄.
-`tally` (TALLY,) collects the unweighted sums of the terms and, last, β̄. `first` is the number of
-the first point in its batch, `count` that of the samples with which a batch begins.
+`constants` (5,) are β, the softplus's slope, α, 1 where ρ is r, and κ. `tally` (TALLY,) collects
+the unweighted sums of the terms and, last, β̄. `first` is the number of the first point in its
+batch, `count` that of the samples with which a batch begins.
 
 Constants of `losses` stand here again, because the compiler's cache looks for changes in this file
 only.
@@ -35,8 +36,6 @@ TALLY = BETA + 1
 SOFT, TINY = 0.1, 1e-8
 SCALE = 0.03  # of the regression
 
-# What `constants` (5,) holds.
-NAMES = ("beta", "slope", "alpha", "rho", "kappa")
 # Types of the arguments: F float32, D float64, i an integer; with the number of dimensions.
 FORMS = {
     "values": "D1 F2 F2 F1 i D1 D1",

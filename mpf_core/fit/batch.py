@@ -42,7 +42,7 @@ class Space:
 
 
 @dataclass(frozen=True)
-class Targets:
+class Start:
     """Points and the classical start's θ and r there."""
 
     x: Float[Tensor, "n 3"]
@@ -56,7 +56,7 @@ class Batch:
 
     surface: Surface | None = None
     far: Space | None = None
-    start: Targets | None = None
+    start: Start | None = None
     ambient: Float[Tensor, "n 3"] | None = None
 
 
@@ -66,11 +66,11 @@ def draw(pools: Pools, options: FitOptions, stage: Stage, generator: torch.Gener
     def pick(size: int, count: int) -> Tensor:
         return torch.randint(size, (count,), generator=generator)
 
-    def start() -> Targets:
+    def start() -> Start:
         pool = pools.start
         assert pool is not None and pool.theta is not None and pool.r is not None
         k = pick(len(pool), options.start_points)
-        return Targets(pool.x[k], pool.theta[k], pool.r[k])
+        return Start(pool.x[k], pool.theta[k], pool.r[k])
 
     if not stage.terms:
         return Batch(start=start())

@@ -8,7 +8,7 @@ import torch
 
 from mpf_core.errors import Cancelled
 from mpf_core.field import plain
-from mpf_core.field.pointwise import functions, functions_of_theta, give_up
+from mpf_core.field.pointwise import compile_all, functions, functions_of_theta, give_up
 from mpf_core.progress import CancelCheck
 
 
@@ -22,12 +22,11 @@ def prepare(kept: torch.dtype, cancel: CancelCheck | None = None) -> ModuleType:
     if found is not plain:
         from mpf_core.fit import adjoints  # loads the compiler, which may not be there
 
-        for compilation in adjoints.compilations():
-            if cancel is not None and cancel():
-                raise Cancelled("cancelled while loops were compiled", where="compilation")
-            try:
-                compilation()
-            except Exception as error:  # a fit can do without, as `pointwise` has it
-                give_up(error)
-                return plain
+        try:
+            compile_all(adjoints.compilations(), cancel)
+        except Cancelled:
+            raise
+        except Exception as error:  # a fit can do without, as `pointwise` has it
+            give_up(error)
+            return plain
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mpf_core.field import MetricPhaseField
+from mpf_core.field.fused import array_of
 from mpf_core.field.sweeps import GradientSweep, LaplacianSweep, Part, ValueSweep
 from mpf_core.fit import adjoints
 from mpf_core.fit.batch import Batch, Stage
@@ -17,6 +19,7 @@ from mpf_core.options import FitOptions
 
 Tally = NDArray[np.float64]
 Tensors = tuple[Tensor, ...]
+Bars = Callable[[Tensors, slice, Tally], Tensors]
 
 
 def descend(
@@ -35,10 +38,7 @@ def descend(
     """
     on = _counts(batch, stage)
     scaled = np.array([weights[n] / on[n] if n in on else 0.0 for n in adjoints.TERMS])
-    with torch.no_grad():
-        beta = float(field.beta)
-    constants = _constants(field, beta, options)
-    parts = _parts(batch, scaled, constants, oriented)
+    parts = _parts(batch, scaled, _constants(field, options), oriented)
     tally = field.siren.descend(parts, adjoints.TALLY)
     if stage.terms:  # the regression alone does not know β
         bar = torch.tensor(tally[adjoints.BETA], dtype=field.beta.dtype)
@@ -66,7 +66,9 @@ def _counts(batch: Batch, stage: Stage) -> dict[str, int]:
     return counts
 
 
-def _constants(field: MetricPhaseField, beta: float, options: FitOptions) -> Tally:
+def _constants(field: MetricPhaseField, options: FitOptions) -> Tally:
+    """As `adjoints` takes them."""
+    beta = float(field.beta.detach())
     rho = 0.0 if field.composite == "phase" else 1.0
     kappa = 1.0 if field.composite == "residual" else 0.0
     return np.array([beta, field.softplus_slope, options.alpha, rho, kappa])
@@ -74,56 +76,45 @@ def _constants(field: MetricPhaseField, beta: float, options: FitOptions) -> Tal
 
 def _parts(batch: Batch, weights: Tally, constants: Tally, oriented: bool) -> list[Part]:
     """The largest first; each with the loop that says what is asked for there."""
+
+    def of_values(loop: Any, *known: Any) -> Bars:
+        def bars(outputs: Tensors, rows: slice, tally: Tally) -> Tensors:
+            y_bar = torch.empty_like(outputs[0])
+            y = array_of(outputs[0])
+            loop(tally, array_of(y_bar), y, *known, rows.start, weights, constants)
+            return (y_bar,)
+
+        return bars
+
     parts = []
     if batch.surface is not None:
-        surface, normals = batch.surface, _array(batch.surface.normals)
+        surface, normals = batch.surface, array_of(batch.surface.normals)
 
         def on_surface(outputs: Tensors, rows: slice, tally: Tally) -> Tensors:
             y_bar, g_bar = bars = tuple(torch.empty_like(one) for one in outputs)
-            y, g = map(_array, outputs)
+            y, g = map(array_of, outputs)
             adjoints.gradients(
-                tally, _array(y_bar), _array(g_bar), y, g, normals, rows.start, len(normals),
+                tally, array_of(y_bar), array_of(g_bar), y, g, normals, rows.start, len(normals),
                 int(oriented), weights, constants,
             )  # fmt: skip
             return bars
 
         parts.append(Part(GradientSweep, surface.x, on_surface))
     if batch.start is not None:
-        theta, r = _array(batch.start.theta), _array(batch.start.r)
-
-        def at_start(outputs: Tensors, rows: slice, tally: Tally) -> Tensors:
-            y_bar = torch.empty_like(outputs[0])
-            adjoints.regressions(
-                tally, _array(y_bar), _array(outputs[0]), theta, r, rows.start, weights, constants
-            )
-            return (y_bar,)
-
-        parts.append(Part(ValueSweep, batch.start.x, at_start))
+        targets = array_of(batch.start.theta), array_of(batch.start.r)
+        parts.append(Part(ValueSweep, batch.start.x, of_values(adjoints.regressions, *targets)))
     if batch.far is not None:
         side = batch.far.side
-        sides = np.zeros(len(batch.far.x), np.float32) if side is None else _array(side)
-
-        def in_space(outputs: Tensors, rows: slice, tally: Tally) -> Tensors:
-            y_bar = torch.empty_like(outputs[0])
-            adjoints.values(
-                tally, _array(y_bar), _array(outputs[0]), sides, rows.start, weights, constants
-            )
-            return (y_bar,)
-
-        parts.append(Part(ValueSweep, batch.far.x, in_space))
+        sides = np.zeros(len(batch.far.x), np.float32) if side is None else array_of(side)
+        parts.append(Part(ValueSweep, batch.far.x, of_values(adjoints.values, sides)))
     if batch.ambient is not None:
 
         def around(outputs: Tensors, _: slice, tally: Tally) -> Tensors:
             y, g, laplacian = (one.contiguous() for one in outputs)
             bars = tuple(torch.empty_like(one) for one in (y, g, laplacian))
-            arrays = map(_array, (*bars, y, g, laplacian))
+            arrays = map(array_of, (*bars, y, g, laplacian))
             adjoints.laplacians(tally, *arrays, weights, constants)
             return bars
 
         parts.append(Part(LaplacianSweep, batch.ambient, around))
     return parts
-
-
-def _array(a: Tensor) -> Any:
-    """The tensor's memory as numpy sees it."""
-    return a.numpy()

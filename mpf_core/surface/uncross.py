@@ -31,8 +31,8 @@ Indices = NDArray[np.int64]
 def uncrossed(coarse: Mesh, fine: Mesh) -> Array:
     """Vertices (v, 3) of `coarse`, a decimation of `fine`, moved until no two triangles cross.
 
-    Where that does not end, as where `fine` crosses
-    itself, the vertices with the fewest pairs are returned; no triangle turns over.
+    Where that does not end, as where `fine` crosses itself, the vertices with the fewest pairs are
+    returned; no triangle turns over.
     """
     if len(coarse.faces) > MOST_FACES:
         return coarse.vertices
