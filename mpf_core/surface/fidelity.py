@@ -181,7 +181,7 @@ def follow(
     if gain < LEAST_GAIN and not aim.back.any():
         step[:] = 0.0
     settled = (aim.trust > SETTLED) & (length <= reach)
-    motion = Motion(vertices, faces, step, aim.outward, settled)
+    motion = Motion(vertices, faces, step, aim.outward, settled, aim.back)
     share = allowed_share(motion) if step.any() else np.ones(len(vertices))
     moved = motion.at(share).vertices
     length = np.linalg.norm(moved - vertices, axis=1)

@@ -31,7 +31,8 @@ def square(height: float, size: int = 12) -> tuple[Floats, NDArray[np.int64]]:
 
 def upward(vertices: Floats, faces: NDArray[np.int64], step: Floats) -> Motion:
     up = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
-    return Motion(vertices, faces, step, up, np.ones(len(vertices), dtype=bool))
+    everywhere = np.ones(len(vertices), dtype=bool)
+    return Motion(vertices, faces, step, up, everywhere, ~everywhere)
 
 
 def spoilt(motion: Motion, share: Floats) -> int:
@@ -73,11 +74,34 @@ def test_walls_that_would_change_places_do_not() -> None:
     step[: len(low), 2] = 0.12 * bump
     outward = np.zeros_like(vertices)
     outward[: len(low), 2], outward[len(low) :, 2] = -1, 1
-    motion = Motion(vertices, both, step, outward, ~step.any(axis=1))
+    still = ~step.any(axis=1)
+    motion = Motion(vertices, both, step, outward, still, np.zeros_like(still))
     assert spoilt(motion, np.ones(len(vertices))) > 0
     share = allowed_share(motion)
     assert spoilt(motion, share) == 0
     assert share.max() == 1
+
+
+def test_a_second_wall_makes_way_for_the_first_and_no_farther_than_it_has_to() -> None:
+    first, faces = square(0.0)
+    second, _ = square(-0.2)
+    second[:, :2] += [0.02, 0.03]  # or edges would meet edges
+    vertices = np.concatenate([first, second])
+    both = np.concatenate([faces, faces[:, ::-1] + len(first)])
+    is_second = np.arange(len(vertices)) >= len(first)
+    step = np.zeros_like(vertices)
+    step[is_second, 2] = 0.19
+    step[~is_second, 2] = -0.03 * np.exp(-((first[:, :2] - 0.5) ** 2).sum(1) / 0.02)
+    outward = np.where(is_second, -1.0, 1.0)[:, None] * [0.0, 0.0, 1.0]
+    settled = np.ones(len(vertices), dtype=bool)
+    motion = Motion(vertices, both, step, outward, settled, is_second)
+    assert spoilt(motion, np.ones(len(vertices))) > 0
+    share = allowed_share(motion)
+    assert spoilt(motion, share) == 0
+    assert (share[~is_second] == 1).all()
+    assert 0.8 < share[is_second].min() < 1  # 0.01 apart were to be 0.04 where the first wall bends
+    far = np.linalg.norm(second[:, :2] - 0.5, axis=1) > 0.5
+    assert (share[is_second][far] == 1).all()
 
 
 def test_crossings_of_what_does_not_move_stay_and_stop_nothing() -> None:
@@ -108,7 +132,9 @@ def test_where_halving_does_not_help_both_walls_stop_at_the_same_place(
     step[: 2 * len(low), 2] = 0.1
     outward = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
     outward[: len(low), 2] = -1
-    motion = Motion(vertices, np.concatenate(parts), step, outward, ~step.any(axis=1))
+    still = ~step.any(axis=1)
+    second = np.zeros_like(still)
+    motion = Motion(vertices, np.concatenate(parts), step, outward, still, second)
     assert spoilt(motion, np.ones(len(vertices))) > 0
     share = allowed_share(motion)
     assert spoilt(motion, share) == 0
