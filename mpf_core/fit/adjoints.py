@@ -128,12 +128,17 @@ def regressions(tally, y_bar, y, theta, r, first, weights, constants):
     """The warm start: θ and r (m,) of all the batch are its targets."""
     for i in range(y.shape[1]):
         metric, gate = _metric(float(y[0, i]), constants[1])
-        of_theta = 10.0 / (1.0 + abs(float(theta[first + i])) / SCALE)
+        phase, target = float(y[1, i]), float(theta[first + i])
+        of_theta = 10.0 / (1.0 + abs(target) / SCALE)
         of_r = 3.0 / (1.0 + float(r[first + i]) / SCALE)
-        off_theta, off_r = float(y[1, i]) - theta[first + i], metric - r[first + i]
+        off_theta, off_r = phase - target, metric - r[first + i]
+        theta_bar = of_theta * np.sign(off_theta)
         tally[REGRESSION] += of_theta * abs(off_theta) + of_r * abs(off_r)
+        if phase * target < 0.0:
+            tally[REGRESSION] += (10.0 - of_theta) * abs(phase)
+            theta_bar += (10.0 - of_theta) * np.sign(phase)
         y_bar[0, i] = weights[REGRESSION] * of_r * np.sign(off_r) * gate
-        y_bar[1, i] = weights[REGRESSION] * of_theta * np.sign(off_theta)
+        y_bar[1, i] = weights[REGRESSION] * theta_bar
 
 
 @inline

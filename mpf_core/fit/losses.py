@@ -88,9 +88,12 @@ def regression_loss(
 ) -> Scalar:
     """Distance of θ and r from the classical start (not in the paper).
 
-    Errors count less far from the surface: divided by 1 + |target| / scale.
+    Errors count less far from the surface: divided by 1 + |target| / scale. What θ is beyond zero,
+    on the wrong side, counts in full: or a fit of a few hundred steps leaves a body hollow.
     """
-    of_theta = (fields.theta.value - theta).abs() / (1 + theta.abs() / scale)
+    discount = 1 / (1 + theta.abs() / scale)
+    wrong = (-theta.sign() * fields.theta.value).relu()
+    of_theta = (fields.theta.value - theta).abs() * discount + wrong * (1 - discount)
     of_r = (fields.r.value - r).abs() / (1 + r / scale)
     return (10 * of_theta + 3 * of_r).mean()
 

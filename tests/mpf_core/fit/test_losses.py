@@ -185,6 +185,14 @@ def test_regression_vanishes_at_its_target_and_counts_less_far_away() -> None:
     assert losses.regression_loss(far, at, at).item() == pytest.approx(1.3 / 11)
 
 
+def test_regression_counts_what_is_on_the_wrong_side_in_full() -> None:
+    jets = sphere_fields(points())
+    at = torch.full((4,), 0.3, dtype=torch.float64)
+    wrong = replace(jets, theta=Jet(at - 0.4), r=Jet(at))  # at -0.1, of a target of 0.3
+    assert losses.regression_loss(wrong, at, at).item() == pytest.approx(10 * (0.3 / 11 + 0.1))
+    assert losses.regression_loss(wrong, -at, at).item() == pytest.approx(10 * 0.2 / 11)
+
+
 @pytest.mark.parametrize("shift", [0.0, 1e-9])
 def test_every_term_has_finite_derivatives_at_its_kinks(shift: float) -> None:
     """Values and gradients of zero are where absolute values and norms have their corners."""
