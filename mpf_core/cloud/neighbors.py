@@ -89,6 +89,12 @@ class Neighborhoods:
         return float(np.median(self.spacing))
 
     @property
+    def areas(self) -> Array:
+        """(n,) area of the surface that each sample stands for: a sixth of the disc out to its
+        sixth neighbour."""
+        return np.pi / SPACING_NEIGHBOUR * self.spacing**2
+
+    @property
     def normal_reliability(self) -> float:
         """Share of samples whose normal agrees with its neighbours' within 30°, in [0, 1].
 

@@ -30,6 +30,9 @@ DENSE = 3
 # thousandth; a thicker one is fitted sooner and extracted on fewer cells, and as long as it is
 # thinner than the spacing no two sheets that the samples tell apart meet. The last step thins it.
 SHELL, SHELL_SPACINGS, THICKEST = 0.006, 0.3, 0.009
+# A fit sees so many points whatever the area, and keeps no thin shell where that is large: ε is
+# at least this share of the square root of the area.
+SHELL_OF_AREA = 0.0023
 
 Array = NDArray[np.float64]
 
@@ -120,7 +123,7 @@ def initialize(
     """The classical start from the neighbourhoods of a cloud in [-1, 1]³; `shell` is ε, by the
     spacing if not given."""
     if shell is None:
-        shell = float(np.clip(SHELL_SPACINGS * neighbours.median_spacing, SHELL, THICKEST))
+        shell = half_thickness(neighbours)
     space = parted(neighbours, flood(neighbours))
     normals = orient(neighbours, outward_seeds(neighbours, space))
     bounds = sides(neighbours, normals, space)
@@ -134,3 +137,10 @@ def initialize(
     space = settle(neighbours, normals, solid, space)
     local = LocalFit(neighbours, normals, threads, solid)
     return Initialization(local, space, normals, float(solid.mean()), shell, bounds)
+
+
+def half_thickness(neighbours: Neighborhoods) -> float:
+    """ε by the spacing, and by the area, normalised."""
+    by_area = SHELL_OF_AREA * np.sqrt(neighbours.areas.sum())
+    wanted = max(SHELL_SPACINGS * neighbours.median_spacing, by_area)
+    return float(np.clip(wanted, SHELL, THICKEST))

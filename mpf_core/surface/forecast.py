@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from mpf_core.cloud.neighbors import SPACING_NEIGHBOUR, Neighborhoods
+from mpf_core.cloud.neighbors import Neighborhoods
 from mpf_core.field.footprint import Footprint
 from mpf_core.options import SurfaceOptions
 from mpf_core.surface.coarsen import faces_for, most_faces
@@ -58,15 +58,10 @@ def crossed(shadows: NDArray[np.float64], steps: NDArray[np.float64]) -> float:
 
 
 def area_of(neighbours: Neighborhoods, sheets: float) -> float:
-    """Of the mesh around samples, of which a share `sheets` is of open sheets with two walls: each
-    sample stands for a sixth of the disc out to its sixth neighbour."""
-    return (1 + sheets) * float(_discs(neighbours).sum())
+    """Of the mesh around samples, of which a share `sheets` is of open sheets with two walls."""
+    return (1 + sheets) * float(neighbours.areas.sum())
 
 
 def shadows_of(neighbours: Neighborhoods, sheets: float) -> NDArray[np.float64]:
     """(3,) area of the same mesh as seen along each axis, of what hides behind other parts, too."""
-    return (1 + sheets) * np.asarray(_discs(neighbours) @ np.abs(neighbours.normals))
-
-
-def _discs(neighbours: Neighborhoods) -> NDArray[np.float64]:
-    return np.pi / SPACING_NEIGHBOUR * neighbours.spacing**2
+    return (1 + sheets) * np.asarray(neighbours.areas @ np.abs(neighbours.normals))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mpf_core.fit.initialize import SHELL, Initialization
+from mpf_core.fit.initialize import SHELL, THICKEST, Initialization, half_thickness
 from tests.mpf_core.fit.conftest import RADIUS
 
 Start = Callable[[str], Initialization]
@@ -41,6 +41,20 @@ def test_sides_are_known_away_from_the_samples(start: Start) -> None:
     assert set(np.unique(side)) <= {-1.0, 0.0, 1.0}
     off = np.abs(exact) > 0.2
     assert (side[off] == np.sign(exact[off])).all()
+
+
+def test_shells_are_thicker_where_samples_are_sparse_and_where_the_area_is_large(
+    start: Start,
+) -> None:
+    cloud = start("plane").local.neighbours
+
+    def thickness(spacing: float, count: int) -> float:
+        return half_thickness(replace(cloud, spacing=np.full(count, spacing)))
+
+    assert thickness(0.01, 10_000) == SHELL
+    assert thickness(0.025, 3_000) == pytest.approx(0.0075)
+    assert thickness(0.06, 3_000) == THICKEST
+    assert SHELL < thickness(0.018, 60_000) < thickness(0.018, 75_000) < THICKEST
 
 
 def test_a_sheet_becomes_a_closed_shell_through_the_samples(start: Start) -> None:
