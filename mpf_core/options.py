@@ -80,9 +80,9 @@ class FitOptions:
         high=0.6,
     )
     width: int = option(256, "Units per layer (the paper's).", low=8, high=1024)
-    omega: float = option(
-        45.0,
-        "First-layer frequency ω₀: 30 suits solids best, 60 leaves; a compromise.",
+    omega: float | None = option(
+        None,
+        "First-layer frequency ω₀; by default the higher the closer the samples are, from 45 on.",
         low=1.0,
         high=200.0,
     )

@@ -33,9 +33,10 @@ from mpf_core.field.fitted import FittedField, theta_of
 from mpf_core.field.footprint import Footprint
 from mpf_core.field.precision import products_in
 from mpf_core.fit.compiled import prepare as prepare_loops
+from mpf_core.fit.control import FitLog
 from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.sampler import paper_pools, pool_size, warm_pools
-from mpf_core.fit.trainer import FitLog, fit_field
+from mpf_core.fit.trainer import fit_field
 from mpf_core.heeding import heeding
 from mpf_core.known import known_of
 from mpf_core.options import Options
@@ -188,7 +189,7 @@ def _deadline(
     """Seconds after the beginning at which the fit must end, for all to end in time."""
     budget, begin = options.fit.time_budget, watch.begin
     drawn = torch.Generator().manual_seed(options.seed)
-    alike = MetricPhaseField(width=options.fit.width, omega=options.fit.omega, generator=drawn)
+    alike = MetricPhaseField(width=options.fit.width, generator=drawn)
     sheets = 0.0 if start is None else 1 - start.seeded
     area, shadows = area_of(neighbours, sheets), shadows_of(neighbours, sheets)
     needed = seconds_after_fit(
@@ -217,6 +218,7 @@ def fit_report(
         "preview_seconds": None if previews is None else round(previews.seconds, 3),
         "retries": log.retries,
         "notes": log.notes,
+        "omega": round(log.omega, 3),
         "normal_term": log.normal_term,
         "precision": log.precision,
         "loops": log.loops,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mpf_core.errors import Cancelled
 from mpf_core.field import MetricPhaseField
-from mpf_core.fit.trainer import Control, StepReport
+from mpf_core.fit.control import Control, StepReport
 from mpf_core.progress import CancelCheck, Clock, PreviewCallback, Progress, ProgressCallback
 
 Snapshot = Callable[[MetricPhaseField], None]

@@ -27,6 +27,7 @@ from mpf_core.fit.initialize import initialize
 from mpf_core.fit.objective import Objective
 from mpf_core.fit.optimizers import QUINTICS, Optimizer
 from mpf_core.fit.sampler import warm_pools
+from mpf_core.fit.trainer import first_frequency
 from mpf_core.options import PRESETS, FitOptions
 from mpf_core.parallel import shared, workers
 
@@ -109,7 +110,7 @@ def timed(*, quick: bool, threads: int) -> tuple[list[Cost], dict[str, float]]:
         pools = warm_pools(cloud.points, cloud, start, np.random.default_rng(0), size=POOL)
         steps: dict[tuple[str, str], Callable[[], None]] = {}
         for kind, made in (("ours", MetricPhaseField), ("plain", PlainField)):
-            field = made(width=options.width, omega=options.omega)
+            field = made(width=options.width, omega=first_frequency(options, pools.spacing))
             generator = torch.Generator().manual_seed(0)
             objective = Objective(field, pools, options, generator)
             precision = products_in(options.precision) if kind == "ours" else torch.float32

@@ -25,7 +25,7 @@ from mpf_core.experiments.asked import SETS, Asked
 from mpf_core.experiments.trial import Moment, Outcome, Trial
 from mpf_core.field import MetricPhaseField
 from mpf_core.files import write_atomically
-from mpf_core.fit.trainer import Control, StepReport
+from mpf_core.fit.control import Control, StepReport
 from mpf_core.options import Options, options_from
 from mpf_core.parallel import workers
 from mpf_core.pipeline import Reconstruction, reconstruct_cloud
@@ -134,8 +134,8 @@ def _pairs(options: dict[str, Any]) -> tuple[tuple[str, Any], ...]:
 
 def _surface(state: State, result: Reconstruction, options: Options) -> Mesh | None:
     """The mesh of a kept state, no finer than the paper's; None where there is none."""
-    fit = options.fit
-    field = MetricPhaseField(width=fit.width, omega=fit.omega, softplus_slope=fit.softplus_slope)
+    last = result.fitted.field
+    field = MetricPhaseField(width=last.width, omega=last.omega, softplus_slope=last.softplus_slope)
     field.load_state_dict(state.weights)
     field.requires_grad_(False)
     resolution = min(options.surface.resolution or _LARGEST, _LARGEST)

@@ -56,7 +56,7 @@ class Pools:
 
     surface: (n, 3) the cloud with unit `normals`, 0 where they are not known; near: N_δ; far:
     Ω \\ N_δ; ambient: uniform in free space, for second derivatives; start: for the regression;
-    delta: δ, normalised.
+    delta: δ, and spacing: the median distance of a sample to its sixth neighbour, normalised.
     """
 
     surface: Float[Tensor, "n 3"]
@@ -66,6 +66,7 @@ class Pools:
     ambient: Pool
     start: Pool | None
     delta: float
+    spacing: float
 
 
 def pool_size(options: FitOptions) -> int:
@@ -97,6 +98,7 @@ def paper_pools(
         ambient=Pool(_tensor(_uniform(size, rng))),
         start=None,
         delta=delta,
+        spacing=neighbours.median_spacing,
     )
 
 
@@ -145,6 +147,7 @@ def warm_pools(
         ambient=_where(start, outside_band & uniform),
         start=start,
         delta=delta,
+        spacing=neighbours.median_spacing,
     )
 
 

@@ -7,11 +7,11 @@ the state, `fit_field` is what callers use.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from statistics import median
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -24,6 +24,7 @@ from mpf_core.fit.averaging import Averaging
 from mpf_core.fit.batch import Stage
 from mpf_core.fit.checkpoint import State, fingerprint, read_state, write_state
 from mpf_core.fit.compiled import prepare
+from mpf_core.fit.control import Control, FitLog, StepReport
 from mpf_core.fit.objective import Objective
 from mpf_core.fit.optimizers import Optimizer
 from mpf_core.fit.sampler import Pools
@@ -31,7 +32,7 @@ from mpf_core.fit.schedule import Costs, Schedule
 from mpf_core.heeding import heeding
 from mpf_core.options import FitOptions
 from mpf_core.parallel import flushed_denormals
-from mpf_core.progress import CancelCheck, Clock
+from mpf_core.progress import Clock
 
 RELIABLE_NORMALS = 0.8  # share of agreeing PCA normals from which the normal term is on
 REPORT_EVERY = 20  # iterations between two progress reports
@@ -41,68 +42,9 @@ JUMP = 20.0  # times the recent loss: a fit beyond it has diverged
 RETRIES = 3  # at half the rates each, from the last good state
 REHEARSALS = 6  # steps of each kind that are timed; the fastest counts
 FEWEST = 50  # iterations: with less the field is not yet a surface
+# ω₀ at the spacing of 10,000 samples of a sheet and from there on, and the highest one.
+OMEGA, SPARSE, HIGHEST_OMEGA = 45.0, 0.0285, 85.0
 KEEP_EVERY = 15.0  # seconds between two checkpoints on disk
-
-Values = dict[str, float]
-
-
-@dataclass(frozen=True)
-class StepReport:
-    """Where the fit stands after one iteration.
-
-    `losses` are the unweighted terms; `points` counts the samples evaluated by this run.
-    """
-
-    iteration: int
-    planned: int
-    seconds: float
-    loss: float
-    losses: Values
-    points: int = 0
-
-
-@dataclass
-class FitLog:
-    """What the fit did, for the report.
-
-    `planned` is the number of iterations that the schedule was laid out for; `stopped_by` one of
-    "iterations", "plateau", "clock", "cancel" (the caller's `stop`). A run with
-    `--max-iterations planned` and a time budget that does not bind repeats it. `kept` is the
-    iteration whose state, or mean of states up to it, was delivered, `resumed_from` the one that a
-    checkpoint held; `precision` that of the hidden products; `loops` "fused" where those over
-    single entries were compiled.
-    """
-
-    planned: int = 0
-    iterations: int = 0
-    seconds: float = 0.0
-    stopped_by: str = "iterations"
-    normal_term: bool = False
-    precision: str = "float32"
-    loops: str = "plain"
-    retries: int = 0
-    kept: int = 0
-    resumed_from: int | None = None
-    notes: list[str] = field(default_factory=list)
-    history: list[StepReport] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Control:
-    """What ends a fit early, who hears of it, and where its state is kept.
-
-    deadline: of `clock`; stop: ends the fit with what it has; cancel: with nothing; snapshot: is
-    shown the field now and then; checkpoint: a file to go on from, if there is one, and to keep
-    the state in
-    """
-
-    clock: Clock
-    deadline: float
-    report: Callable[[StepReport], None] | None = None
-    stop: CancelCheck | None = None
-    cancel: CancelCheck | None = None
-    snapshot: Callable[[MetricPhaseField], None] | None = None
-    checkpoint: Path | None = None
 
 
 def wants_normals(options: FitOptions, reliability: float) -> bool:
@@ -110,6 +52,13 @@ def wants_normals(options: FitOptions, reliability: float) -> bool:
     if options.normals == "auto":
         return reliability >= RELIABLE_NORMALS
     return options.normals == "on"
+
+
+def first_frequency(options: FitOptions, spacing: float) -> float:
+    """ω₀ for a cloud with that spacing: as forced, or the higher the closer the samples are."""
+    if options.omega is not None:
+        return options.omega
+    return float(np.clip(OMEGA * SPARSE / spacing, OMEGA, HIGHEST_OMEGA))
 
 
 def fit_field(
@@ -150,7 +99,7 @@ class Trainer:
         self.generator = torch.Generator().manual_seed(seed)
         self.field = MetricPhaseField(
             width=options.width,
-            omega=options.omega,
+            omega=first_frequency(options, pools.spacing),
             beta=options.beta,
             softplus_slope=options.softplus_slope,
             closed=options.closed,
@@ -159,6 +108,7 @@ class Trainer:
         )
         precision = products_in(options.precision)
         self.field.siren.precision = precision
+        log.omega = self.field.omega
         log.precision = str(precision).removeprefix("torch.")
         self.objective = Objective(self.field, pools, options, self.generator)
         self.optimizer = Optimizer(self.field, options, precision)

@@ -17,10 +17,11 @@ from mpf_core.errors import Cancelled, CheckpointError, Diverged, OutOfTime
 from mpf_core.field import MetricPhaseField, pointwise
 from mpf_core.fit import trainer as trainer_module
 from mpf_core.fit.checkpoint import read_state
+from mpf_core.fit.control import Control, FitLog, StepReport
 from mpf_core.fit.initialize import initialize
 from mpf_core.fit.sampler import Pools, warm_pools
 from mpf_core.fit.schedule import Costs, Schedule
-from mpf_core.fit.trainer import Control, FitLog, StepReport, Trainer, fit_field, wants_normals
+from mpf_core.fit.trainer import Trainer, fit_field, wants_normals
 from mpf_core.heeding import heeding
 from mpf_core.options import FitOptions, options_from
 from mpf_core.parallel import workers
