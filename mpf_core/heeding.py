@@ -8,7 +8,7 @@ goes to call `heed` between two pieces of work; whoever began it all says what t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from threading import Event
@@ -17,6 +17,7 @@ from typing import TypeVar
 S = TypeVar("S")
 T = TypeVar("T")
 
+ROWS_AT_ONCE = 8192  # on each thread: so that memory stays a constant beside the cloud
 PATIENCE = 0.2  # seconds between two looks while other threads work
 
 _check: ContextVar[Callable[[], None] | None] = ContextVar("check", default=None)
@@ -61,6 +62,20 @@ def together(executor: Executor, job: Callable[[S], T], items: Iterable[S]) -> l
         for future in futures:
             future.cancel()
         raise
+
+
+def in_parts(
+    work: Callable[[slice], T], count: int, threads: int, chunk: int = ROWS_AT_ONCE
+) -> list[T]:
+    """`work` on slices that cover `count` rows, in order, on threads: NumPy lets go of the lock."""
+    parts = [slice(start, min(start + chunk, count)) for start in range(0, count, chunk)]
+    return on_threads(work, parts, threads)
+
+
+def on_threads(work: Callable[[S], T], items: Iterable[S], threads: int) -> list[T]:
+    """`work` of each item, in order, on so many threads; on as many as help if negative."""
+    with ThreadPoolExecutor(max_workers=threads if threads > 0 else None) as pool:
+        return together(pool, work, items)
 
 
 class _Ended(Exception):

@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mpf_core.heeding import ROWS_AT_ONCE, on_threads
+
 
 class Face(NamedTuple):
     """What makes a plane a face: the share of the patch that it holds, and how many times the
@@ -43,7 +45,6 @@ FACE = Face(0.28, 1.4)
 # In a cloud without noise, a quarter of whose patches are flatter than CLEAN, less will do.
 CLEAN, CLEAN_FACE = 0.04, Face(0.18, 1.15)
 STEEP = 7.0
-CHUNK = 8192
 
 Array = NDArray[np.float64]
 
@@ -69,20 +70,24 @@ def sharpened(
     face = CLEAN_FACE if np.quantile(flatness, 0.25) < CLEAN else FACE
     broken = flatness[asked] > BROKEN  # the others need no planes through pairs
     parts = [
-        (rows[k : k + CHUNK], pairs)
+        (rows[k : k + ROWS_AT_ONCE], pairs)
         for rows, pairs in ((asked[~broken], False), (asked[broken], True))
-        for k in range(0, len(rows), CHUNK)
+        for k in range(0, len(rows), ROWS_AT_ONCE)
     ]
     around = [
         np.asarray(tree.query(points[rows], PATCH + 1, workers=threads)[1])[:, 1:]
         for rows, _ in parts
     ]
+
+    def vote(part: int) -> None:
+        (rows, pairs), index = parts[part], around[part]
+        width = CLOSE * spacing[rows]
+        normals[rows] = _voted(points, before, rows, index, width, face, pairs=pairs)
+
     for _ in range(ROUNDS):
         # All from the normals before the round, so that the order of samples does not matter.
         before = normals.copy()
-        for (rows, pairs), index in zip(parts, around, strict=True):
-            width = CLOSE * spacing[rows]
-            normals[rows] = _voted(points, before, rows, index, width, face, pairs=pairs)
+        on_threads(vote, range(len(parts)), threads)
     return normals
 
 

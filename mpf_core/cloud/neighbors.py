@@ -5,6 +5,7 @@ All lengths are in the frame of the points given (normalised, when called by a f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +18,7 @@ from mpf_core.cloud.angles import widest_gap
 from mpf_core.cloud.features import sharpened
 from mpf_core.cloud.layers import split
 from mpf_core.cloud.rods import find_rods
-from mpf_core.heeding import heed
+from mpf_core.heeding import heed, in_parts
 
 NEAREST = 50  # the farthest neighbour that the paper's near-surface sampling asks for
 SPACING_NEIGHBOUR = 6  # distance to it ≈ 1.4 × the mean gap between samples of a surface
@@ -32,6 +33,7 @@ LAYERED_AROUND = 0.5  # share of a sample's links that must be layered as well f
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Told = dict[str, NDArray[Any]]
 
 
 def nearest(tree: cKDTree, x: Array, count: int, threads: int = -1) -> tuple[Array, Indices]:
@@ -116,36 +118,18 @@ def analyse(points: Array, *, normal_neighbours: int = 16, threads: int = -1) ->
     """Neighbourhoods of all `points` (n, 3), at least 51 of them."""
     tree = cKDTree(points)
     n = len(points)
-    out: dict[str, NDArray[Any]] = {"band_radius": np.empty(n), "gap": np.zeros(n)}
-    single: dict[str, list[NDArray[Any]]] = {}
-    double: dict[str, list[NDArray[Any]]] = {}
-    for start in range(0, n, CHUNK):
-        part = slice(start, min(start + CHUNK, n))
-        distance, index = nearest(tree, points[part], NEAREST + 1, threads)
-        out["band_radius"][part] = distance[:, NEAREST]
-        _collect(single, _described(points, distance, index, normal_neighbours))
-        layers = split(points[index])
-        rows = np.flatnonzero(layers.layered)
-        out["gap"][start + rows] = layers.gap[rows]
-        # The sample's own layer first, each in order of distance.
-        own = layers.own[rows]
-        order = np.argsort(~own, axis=1, kind="stable")
-        told = _described(
-            points,
-            np.take_along_axis(distance[rows], order, axis=1),
-            np.take_along_axis(index[rows], order, axis=1),
-            normal_neighbours,
-            own.sum(1),
-        )
-        turned = np.einsum("ni,ni->n", told["normals"], layers.away[rows]) < 0
-        told["normals"][turned] *= -1
-        _collect(double, told)
-    out |= {name: np.concatenate(parts) for name, parts in single.items()}
+
+    def look(part: slice) -> tuple[Told, Told]:
+        distance, index = nearest(tree, points[part], NEAREST + 1, 1)
+        return _looked(points, distance, index, normal_neighbours)
+
+    parts = in_parts(look, n, threads)
+    out, double = (_joined(told) for told in zip(*parts, strict=True))
     found = np.flatnonzero(out["gap"])
     # A few layered samples among others are an accident of their patches.
     sure = (out["gap"][out["links"][found]] > 0).mean(1) >= LAYERED_AROUND
-    for name, parts in double.items():
-        out[name][found[sure]] = np.concatenate(parts)[sure]
+    for name, values in double.items():
+        out[name][found[sure]] = values[sure]
     out["gap"][found[~sure]] = 0.0
     rough = np.flatnonzero((out["flatness"] > ROUND) & (out["gap"] == 0))
     rods = find_rods(points, out["normals"], out["spacing"], out["links"], tree, rough, threads)
@@ -161,15 +145,16 @@ def analyse(points: Array, *, normal_neighbours: int = 16, threads: int = -1) ->
 
 def _agreed(
     points: Array,
-    told: dict[str, NDArray[Any]],
+    told: Told,
     rods: Indices,
     tree: cKDTree,
     threads: int,
-) -> dict[str, NDArray[Any]]:
+) -> Told:
     """Normals and gaps once samples whose normals do not fit have asked those around."""
     gap = told["gap"][told["links"]]
     # Of the rim of a wall thinner than the samples show, those around know nothing.
-    fixed = ((gap > 0) & (gap < RESOLVED * told["spacing"][:, None])).any(1)
+    thinner = (gap > 0) & (gap < RESOLVED * told["spacing"][:, None])
+    fixed: NDArray[np.bool_] = np.asarray(thinner.any(1))
     fixed[rods] = True
     found = agreed(points, told["normals"], told["links"], tree, fixed=fixed, threads=threads)
     cosine = np.einsum("nk,nk->n", told["normals"], found.normals)
@@ -181,9 +166,31 @@ def _agreed(
     }
 
 
-def _collect(lists: dict[str, list[NDArray[Any]]], told: dict[str, NDArray[Any]]) -> None:
-    for name, values in told.items():
-        lists.setdefault(name, []).append(values)
+def _joined(told: Sequence[Told]) -> Told:
+    return {name: np.concatenate([some[name] for some in told]) for name in told[0]}
+
+
+def _looked(points: Array, distance: Array, index: Indices, size: int) -> tuple[Told, Told]:
+    """What the neighbours (m, NEAREST + 1), the sample itself first, say of m samples; and for
+    those among them with a `gap`, what those of their own layer say."""
+    told = _described(points, distance, index, size)
+    layers = split(points[index])
+    told["band_radius"] = distance[:, NEAREST]
+    told["gap"] = np.where(layers.layered, layers.gap, 0.0)
+    rows = np.flatnonzero(told["gap"])
+    # The sample's own layer first, each in order of distance.
+    own = layers.own[rows]
+    order = np.argsort(~own, axis=1, kind="stable")
+    by_own = _described(
+        points,
+        np.take_along_axis(distance[rows], order, axis=1),
+        np.take_along_axis(index[rows], order, axis=1),
+        size,
+        own.sum(1),
+    )
+    turned = np.einsum("ni,ni->n", by_own["normals"], layers.away[rows]) < 0
+    by_own["normals"][turned] *= -1
+    return told, by_own
 
 
 def _described(
@@ -192,7 +199,7 @@ def _described(
     index: Indices,
     size: int,
     count: NDArray[np.int64] | None = None,
-) -> dict[str, NDArray[Any]]:
+) -> Told:
     """What the neighbours (m, NEAREST + 1), the sample itself first, say; only the first `count`
     (m,) of each row are looked at."""
     m = len(index)

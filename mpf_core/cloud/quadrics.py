@@ -8,8 +8,6 @@ sample would be drawn to those that noise has moved its way.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mpf_core.cloud.neighbors import nearest
-from mpf_core.heeding import together
+from mpf_core.heeding import ROWS_AT_ONCE, in_parts
 
 FACING = 0.35  # σ: a sample turned by 20° has a third of the weight, by 40° a fiftieth
 HEIGHT = 0.1  # c
@@ -34,7 +32,6 @@ OUTLYING = 3.0  # medians of the errors, beyond which they count no more: edges 
 PROBES = 3000  # samples at which kernels are judged
 PAIRS = 12_000_000  # of points and neighbours: what a fit to all may cost, some seconds
 AT_ONCE = 400_000  # of them on each thread: some 150 MB of temporaries
-CHUNK = 8192  # rows on each thread, of whoever has few neighbours
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -93,7 +90,7 @@ def fitted(
         fit = _quadric(offset, samples.normals[index], directions[part], scale[part], width)
         normals[part], curvature[part], height[part], leverage[part] = fit
 
-    in_parts(work, size, threads, min(CHUNK, AT_ONCE // count))
+    in_parts(work, size, threads, min(ROWS_AT_ONCE, AT_ONCE // count))
     return Quadrics(normals, curvature, height, leverage)
 
 
@@ -167,10 +164,3 @@ def _quadric(
         c[:, 0] * scale,
         np.clip(solved[:, 0, 1], 0, 1),  # the sample itself has weight 1 and basis (1, 0, …)
     )
-
-
-def in_parts(work: Callable[[slice], None], count: int, threads: int, chunk: int = CHUNK) -> None:
-    """Run `work` on slices that cover `count` rows, on threads: NumPy lets go of the lock."""
-    parts = [slice(start, min(start + chunk, count)) for start in range(0, count, chunk)]
-    with ThreadPoolExecutor(max_workers=threads if threads > 0 else None) as pool:
-        together(pool, work, parts)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mpf_core.cloud.angles import widest_gap
+from mpf_core.heeding import in_parts
 
 PATCH = 24  # neighbours that the cylinder is fitted to
 ROUND = 2.0  # radians of the circle that the patch must cover; less is a fold or a rounded edge
@@ -26,7 +27,6 @@ HELD = 0.7  # share of the patch that the circle must hold; the rest may be leaf
 ROUNDS = 3  # of the fit, in which what lies off the circle counts less and less
 AGREE = 0.5  # share of a sample's links that must be on rods too
 SPREADING = 20  # rounds in which samples beside rods join them
-CHUNK = 8192
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -55,13 +55,16 @@ def find_rods(
     (n,) and links (n, l) to neighbours."""
     n = len(points)
     outward, radius, left = np.zeros((n, 3)), np.zeros(n), np.full(n, np.inf)
+
+    def look(rows_of: slice) -> None:
+        part = rows[rows_of]
+        index = np.asarray(tree.query(points[part], PATCH + 1)[1])
+        patch = (points[index] - points[part, None]) / spacing[part, None, None]
+        outward[part], size, left[part] = _cylinders(patch, normals[index])
+        radius[part] = size * spacing[part]
+
     if n > PATCH:
-        for k in range(0, len(rows), CHUNK):
-            part = rows[k : k + CHUNK]
-            index = np.asarray(tree.query(points[part], PATCH + 1, workers=threads)[1])
-            patch = (points[index] - points[part, None]) / spacing[part, None, None]
-            outward[part], size, left[part] = _cylinders(patch, normals[index])
-            radius[part] = size * spacing[part]
+        in_parts(look, len(rows), threads)
     # A few among others are an accident of their patches.
     sure = left < SURE
     sure &= sure[links].mean(1) >= AGREE

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mpf_core.cloud.neighbors import Neighborhoods
+from mpf_core.heeding import in_parts
 
 RESOLUTION = 160  # voxels a side
 HALF_BOX = 1.15  # the voxel grid covers [-HALF_BOX, HALF_BOX]³ in normalised units
@@ -61,9 +62,11 @@ class FreeSpace:
         return index[:, 0], index[:, 1], index[:, 2]
 
 
-def flood(neighbours: Neighborhoods, *, resolution: int = RESOLUTION) -> FreeSpace:
+def flood(
+    neighbours: Neighborhoods, *, resolution: int = RESOLUTION, threads: int = -1
+) -> FreeSpace:
     """Label space around the samples, which lie in [-1, 1]³."""
-    occupied = draw_discs(neighbours, resolution)
+    occupied = draw_discs(neighbours, resolution, threads)
     component, _ = ndimage.label(~occupied)
     sizes = np.bincount(component.ravel())
     enclosed = sizes > SMALLEST_ENCLOSURE
@@ -86,7 +89,7 @@ def beside_inside(labels: NDArray[np.int8]) -> NDArray[np.bool_]:
     return beside
 
 
-def draw_discs(neighbours: Neighborhoods, resolution: int) -> NDArray[np.bool_]:
+def draw_discs(neighbours: Neighborhoods, resolution: int, threads: int = -1) -> NDArray[np.bool_]:
     """Voxels (resolution, ·, ·) that a disc of any sample passes."""
     occupied = np.zeros((resolution,) * 3, dtype=bool)
     voxel = 2 * HALF_BOX / (resolution - 1)
@@ -94,7 +97,9 @@ def draw_discs(neighbours: Neighborhoods, resolution: int) -> NDArray[np.bool_]:
     radius = np.minimum(neighbours.disc_radius, 3 * neighbours.median_spacing)
     second = np.cross(neighbours.normals, neighbours.tangents)
     order = np.argsort(radius)
-    for part in np.array_split(order, max(1, len(order) // 20_000)):
+
+    def draw(rows: slice) -> None:
+        part = order[rows]
         # Sampled at most 0.7 voxels apart, rounded both ways: no gap a 6-neighbour flood passes.
         steps = max(3, int(np.ceil(2 * radius[part].max() / (0.7 * voxel))))
         axis = np.linspace(-1, 1, steps)
@@ -108,6 +113,8 @@ def draw_discs(neighbours: Neighborhoods, resolution: int) -> NDArray[np.bool_]:
             for index in (np.rint(grid), np.floor(grid)):
                 i, j, k = np.clip(index.astype(np.int64), 0, resolution - 1).T
                 occupied[i, j, k] = True
+
+    in_parts(draw, len(order), threads)
     # A sheet whose discs reach the border must not part the box: the flood goes round it.
     for face in (0, -1):
         occupied[face] = occupied[:, face] = occupied[:, :, face] = False

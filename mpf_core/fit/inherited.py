@@ -97,7 +97,7 @@ def _space(
     for i in range(RESOLUTION):
         at = (places + np.array([i, 0, 0])) * voxel - HALF_BOX
         labels[i] = phase.label_at(at).reshape(RESOLUTION, RESOLUTION)
-    doubtful = np.argwhere(draw_discs(neighbours, RESOLUTION) | (labels == SURFACE))
+    doubtful = np.argwhere(draw_discs(neighbours, RESOLUTION, local.threads) | (labels == SURFACE))
     for start in range(0, len(doubtful), CHUNK):
         index = doubtful[start : start + CHUNK]
         at = index.astype(np.float64) * voxel - HALF_BOX

@@ -124,7 +124,7 @@ def initialize(
     spacing if not given."""
     if shell is None:
         shell = half_thickness(neighbours)
-    space = parted(neighbours, flood(neighbours))
+    space = parted(neighbours, flood(neighbours, threads=threads))
     normals = orient(neighbours, outward_seeds(neighbours, space))
     bounds = sides(neighbours, normals, space)
     if (bounds.solid > 0.5).mean() < EXPLAINED:

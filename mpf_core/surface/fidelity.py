@@ -21,9 +21,9 @@ from scipy.spatial import cKDTree
 
 from mpf_core.cloud.neighbors import Neighborhoods, nearest
 from mpf_core.cloud.normalize import Similarity
-from mpf_core.cloud.quadrics import in_parts
 from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.sides import Sides
+from mpf_core.heeding import in_parts
 from mpf_core.options import DataOptions
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import unit_normals

@@ -14,13 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpf_core.heeding import heed
+from mpf_core.parallel import mapped
 from mpf_core.surface.mesh import Mesh
 
 # A vertex nearer to a triangle's plane than this share of the triangle's size is on the plane.
 ON_PLANE = 1e-9
 PAIRS_AT_ONCE = 100_000
+PARTS = 64  # of the walk, taken by whichever thread is free
 
 Pairs = NDArray[np.int64]
+Part = tuple[int, Pairs]  # pairs of boxes at a depth of the tree
 Corners = NDArray[np.float64]
 
 
@@ -31,30 +34,56 @@ def self_intersections(mesh: Mesh) -> Pairs:
     # Relative to the middle, so that nearly parallel planes far from the origin stay apart.
     corners = mesh.vertices[mesh.faces]
     corners = corners - corners.reshape(-1, 3).mean(axis=0)
-    planes = _Planes.of(corners)
-    found = [_crossing(corners, planes, mesh.faces, pairs) for pairs in overlapping_boxes(corners)]
-    return np.concatenate([*found, np.zeros((0, 2), np.int64)])
+    planes, boxes = _Planes.of(corners), Boxes.of(corners)
+
+    def crossing(part: Part) -> Pairs:
+        found = [_crossing(corners, planes, mesh.faces, pairs) for pairs in boxes.meeting(part)]
+        return np.concatenate([*found, np.zeros((0, 2), np.int64)])
+
+    return np.concatenate(mapped(crossing, boxes.parts()))
 
 
-def overlapping_boxes(corners: Corners) -> Iterator[Pairs]:
-    """Batches of pairs (i < j) of triangles (f, 3, 3) whose boxes meet."""
-    order = _morton_order(corners.mean(axis=1))
-    levels = _box_tree(corners[order].min(axis=1), corners[order].max(axis=1))
-    waiting = [(0, np.zeros((1, 2), np.int64))]
-    while waiting:
-        heed()
-        depth, pairs = waiting.pop()
-        low, high = levels[depth]
+@dataclass(frozen=True)
+class Boxes:
+    """A tree of boxes over triangles (f, 3, 3), sorted by `order` (f,): its `levels`, as
+    `_box_tree` has them."""
+
+    order: NDArray[np.int64]
+    levels: list[tuple[Corners, Corners]]
+
+    @classmethod
+    def of(cls, corners: Corners) -> Boxes:
+        order = _morton_order(corners.mean(axis=1))
+        return cls(order, _box_tree(corners[order].min(axis=1), corners[order].max(axis=1)))
+
+    def parts(self) -> list[Part]:
+        """Where to begin, in so many parts that threads are evenly busy; not fewer for fewer."""
+        depth, pairs = 0, np.zeros((1, 2), np.int64)
+        while len(pairs) < PARTS and depth + 1 < len(self.levels):
+            depth, pairs = depth + 1, _children(self._meeting_at(depth, pairs))
+        return [(depth, part) for part in np.array_split(pairs, PARTS) if len(part)]
+
+    def meeting(self, part: Part) -> Iterator[Pairs]:
+        """Batches of pairs (i < j) of triangles below `part` whose boxes meet."""
+        waiting = [part]
+        while waiting:
+            heed()
+            depth, pairs = waiting.pop()
+            pairs = self._meeting_at(depth, pairs)
+            if depth + 1 == len(self.levels):
+                pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+                yield np.sort(self.order[pairs], axis=1)
+                continue
+            batches = range(0, len(pairs), PAIRS_AT_ONCE)
+            waiting.extend((depth + 1, _children(pairs[k : k + PAIRS_AT_ONCE])) for k in batches)
+
+    def _meeting_at(self, depth: int, pairs: Pairs) -> Pairs:
+        low, high = self.levels[depth]
         for axis in range(3):
             a, b = pairs.T
             meet = (low[axis, a] <= high[axis, b]) & (low[axis, b] <= high[axis, a])
             pairs = pairs[meet]
-        if depth + 1 == len(levels):
-            pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-            yield np.sort(order[pairs], axis=1)
-            continue
-        batches = range(0, len(pairs), PAIRS_AT_ONCE)
-        waiting.extend((depth + 1, _children(pairs[k : k + PAIRS_AT_ONCE])) for k in batches)
+        return pairs
 
 
 def _children(pairs: Pairs) -> Pairs:

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpf_core.surface.intersections import overlapping_boxes, self_intersections
+from mpf_core.surface.intersections import Boxes, self_intersections
 from mpf_core.surface.mesh import Mesh
 from tests.mpf_core.quality.meshes import box, grid_sheet, icosphere, joined, moved
 
@@ -50,13 +50,14 @@ def test_touching_and_coplanar_triangles_do_not_count() -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 70))
+@given(st.integers(0, 2**32 - 1), st.integers(2, 150))
 def test_no_pair_of_boxes_is_missed(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     corners = rng.random((count, 1, 3)) + rng.random((count, 3, 3)) * rng.choice([0.05, 0.5])
     low, high = corners.min(axis=1), corners.max(axis=1)
     meet = ((low[:, None] <= high) & (low <= high[:, None])).all(axis=2)
     expected = {(i, j) for i, j in np.argwhere(meet).tolist() if i < j}
-    batches = [pairs.tolist() for pairs in overlapping_boxes(corners)]
-    found = [tuple(pair) for batch in batches for pair in batch]
+    boxes = Boxes.of(corners)
+    batches = [pairs for part in boxes.parts() for pairs in boxes.meeting(part)]
+    found = [tuple(pair) for pairs in batches for pair in pairs.tolist()]
     assert sorted(found) == sorted(expected)
