@@ -12,6 +12,7 @@ whole patch lies on one side: a face at an edge is such a plane, a chord of a ro
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -79,15 +80,14 @@ def sharpened(
         for rows, _ in parts
     ]
 
-    def vote(part: int) -> None:
+    def vote(part: int, before: Array) -> None:
         (rows, pairs), index = parts[part], around[part]
         width = CLOSE * spacing[rows]
         normals[rows] = _voted(points, before, rows, index, width, face, pairs=pairs)
 
     for _ in range(ROUNDS):
         # All from the normals before the round, so that the order of samples does not matter.
-        before = normals.copy()
-        on_threads(vote, range(len(parts)), threads)
+        on_threads(partial(vote, before=normals.copy()), range(len(parts)), threads)
     return normals
 
 
