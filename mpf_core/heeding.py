@@ -64,6 +64,16 @@ def together(executor: Executor, job: Callable[[S], T], items: Iterable[S]) -> l
         raise
 
 
+def one_by_one(job: Callable[[S], T], items: Iterable[S]) -> list[T]:
+    """`job` of each item, in order, on this thread, heeding before each."""
+
+    def one(item: S) -> T:
+        heed()
+        return job(item)
+
+    return [one(item) for item in items]
+
+
 def in_parts(
     work: Callable[[slice], T], count: int, threads: int, chunk: int = ROWS_AT_ONCE
 ) -> list[T]:
@@ -74,6 +84,8 @@ def in_parts(
 
 def on_threads(work: Callable[[S], T], items: Iterable[S], threads: int) -> list[T]:
     """`work` of each item, in order, on so many threads; on as many as help if negative."""
+    if threads == 1:
+        return one_by_one(work, items)
     with ThreadPoolExecutor(max_workers=threads if threads > 0 else None) as pool:
         return together(pool, work, items)
 

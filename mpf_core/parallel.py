@@ -17,7 +17,7 @@ from typing import TypeVar
 
 import torch
 
-from mpf_core.heeding import heed, together
+from mpf_core.heeding import one_by_one, together
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -72,13 +72,8 @@ def mapped(job: Callable[[S], T], items: Iterable[S]) -> list[T]:
     on the number of threads."""
     # A thread of ours that waited for the others would wait for itself.
     if _executor is None or getattr(_ours, "prepared", False):
-        return [_heeded(job, item) for item in items]
+        return one_by_one(job, items)
     return together(_executor, job, items)
-
-
-def _heeded(job: Callable[[S], T], item: S) -> T:
-    heed()
-    return job(item)
 
 
 def _parts(size: int, count: int) -> Sequence[slice]:
