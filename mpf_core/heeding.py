@@ -40,6 +40,25 @@ def heed() -> None:
         check()
 
 
+@contextmanager
+def no_later(clock: Callable[[], float], end: float) -> Iterator[None]:
+    """Within, `heed` raises Late once `clock` says that it is later than `end`."""
+    around = _check.get()
+
+    def check() -> None:
+        if around is not None:
+            around()
+        if clock() > end:
+            raise Late
+
+    with heeding(check):
+        yield
+
+
+class Late(Exception):
+    """The time for the work is over; whoever set it does without."""
+
+
 def together(executor: Executor, job: Callable[[S], T], items: Iterable[S]) -> list[T]:
     """`job` of each item, in order, on the threads of `executor`. The caller alone is asked, while
     it waits; they end where they heed when it does."""

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from mpf_core.cloud.denoise import denoise, smoothed
 from mpf_core.cloud.neighbors import Neighborhoods, analyse
-from mpf_core.fit.initialize import Initialization, initialize
+from mpf_core.fit.initialize import Facing, Initialization, facing, initialize
 from mpf_core.options import Options
 from mpf_core.watch import Watch
 
 Array = NDArray[np.float64]
-Begin = Callable[[Neighborhoods], Initialization]
+Begin = Callable[[Neighborhoods, Facing | None], Initialization]
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def known_of(
     samples: Array, options: Options, watch: Watch, threads: int, begin: Begin | None = None
 ) -> Known:
     """From samples (n, 3) in [-1, 1]³; `begin` makes the classical start, `initialize` if not
-    given."""
+    given, from neighbourhoods and, where that is known, which way they face."""
     begin = begin or partial(initialize, threads=threads)
     remove = options.fit.denoise != "off"
     cleaned = denoise(
@@ -47,10 +47,13 @@ def known_of(
     watch.enter("initialize")
     if not options.fit.warm_start:
         return Known(neighbours, None, cleaned.points, cleaned.sigma, denoised)
-    start = begin(neighbours)
-    watch.check()
-    calm = smoothed(cleaned.measured, neighbours, start.normals, threads) if remove else None
+    first, calm = None, None
+    if remove:  # for which gaps need not be closed
+        first = facing(neighbours, threads)
+        watch.check()
+        calm = smoothed(cleaned.measured, neighbours, first.normals, threads)
     if calm is None:
+        start = begin(neighbours, first)
         return Known(neighbours, start, cleaned.points, cleaned.sigma, denoised)
     neighbours = analyse(calm.points, threads=threads)
-    return Known(neighbours, begin(neighbours), calm.points, calm.noise, True)
+    return Known(neighbours, begin(neighbours, None), calm.points, calm.noise, True)

@@ -66,7 +66,7 @@ class FitOptions:
     analysed: int = option(
         200_000,
         "Samples at most that the start is made from, one of each voxel of larger clouds; a draft "
-        "has time for half. The surface terms see all of a clean cloud.",
+        "has time for a quarter. The surface terms see all of a clean cloud.",
         low=1000,
         high=240_000,
     )
@@ -333,20 +333,21 @@ class Options:
 
 PRESETS: dict[str, Options] = {
     "balanced": Options(),
-    # Half the points of a step: twice the iterations, which thin shells need more.
+    # Half the points of a step: twice the iterations, which thin shells need more. Samples looked
+    # at and faces left are as few as leave a slow machine a third of the minute for a room's fit.
     "draft": Options(
         preset="draft",
         fit=FitOptions(
             max_iterations=1600,
             time_budget=55.0,
-            analysed=100_000,
+            analysed=50_000,
             surface_points=768,
             near_points=256,
             far_points=512,
             laplacian_points=64,
             start_points=2048,
         ),
-        surface=SurfaceOptions(highest_resolution=384, coarsen_to=250_000),
+        surface=SurfaceOptions(highest_resolution=384, coarsen_to=150_000),
     ),
     # The recipe of the paper and of the published code of its relatives, with no additions.
     "paper": Options(

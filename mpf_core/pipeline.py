@@ -47,7 +47,7 @@ from mpf_core.quality.report import finished_report, frame_report, input_report,
 from mpf_core.surface.edit import edited
 from mpf_core.surface.extraction import extract_mesh
 from mpf_core.surface.fidelity import onto_data
-from mpf_core.surface.forecast import area_of, seconds_after_fit, shadows_of
+from mpf_core.surface.forecast import Forecast, Until, area_of, pace_of, shadows_of
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.resolution import shell_of
 from mpf_core.watch import Watch
@@ -103,7 +103,8 @@ def _reconstructed(
     cloud: PointCloud, options: Options, watch: Watch, threads: int
 ) -> Reconstruction:
     watch.enter("prepare")
-    prepare_loops(products_in(options.fit.precision), watch.cancel)
+    with watch.compiling():
+        prepare_loops(products_in(options.fit.precision), watch.cancel)
     prepared = prepare(cloud, PrepareOptions(outlier_sigma=options.fit.outlier_sigma))
     cloud = prepared.cloud
     similarity = Similarity.of(cloud.points)
@@ -135,10 +136,12 @@ def _reconstructed(
         colors=cloud.colors,
     )
     watch.enter("fit")
+    forecast = _forecast(options, footprint, neighbours, start, watch.clock)
+    budget = options.fit.time_budget + watch.granted
     field, log = fit_field(
         pools,
         options.fit,
-        watch.control(_deadline(options, footprint, neighbours, start, watch), previews),
+        watch.control(_deadline(budget, forecast, watch), previews),
         seed=options.seed,
         reliability=neighbours.normal_reliability,
         threads=threads,
@@ -146,7 +149,8 @@ def _reconstructed(
 
     watch.enter("extract")
     fitted = FittedField(field, similarity, box, footprint)
-    taken = extract_mesh(fitted, options.surface, painted=painted)
+    until = Until(forecast, watch.clock, watch.begin + budget)
+    taken = extract_mesh(fitted, options.surface, painted=painted, until=until)
     watch.check()
     mesh, fidelity = onto_data(
         taken.mesh,
@@ -156,6 +160,7 @@ def _reconstructed(
         spacing=spacing,
         threads=threads,
         clock=watch.clock,
+        end=until.last_step(len(taken.mesh.faces)),
     )
     watch.check()
     final = edited(mesh, options.surface, fitted, start)
@@ -179,23 +184,30 @@ def _reconstructed(
     return Reconstruction(fitted, final.mesh, report)
 
 
-def _deadline(
+def _forecast(
     options: Options,
     footprint: Footprint,
     neighbours: Neighborhoods,
     start: Initialization | None,
-    watch: Watch,
-) -> float:
-    """Seconds after the beginning at which the fit must end, for all to end in time."""
-    budget, begin = options.fit.time_budget, watch.begin
+    clock: Clock,
+) -> Forecast:
+    """What the mesh will cost; its field is evaluated as fast as any other of its size."""
     drawn = torch.Generator().manual_seed(options.seed)
     alike = MetricPhaseField(width=options.fit.width, generator=drawn)
     sheets = 0.0 if start is None else 1 - start.seeded
-    area, shadows = area_of(neighbours, sheets), shadows_of(neighbours, sheets)
-    needed = seconds_after_fit(
-        options.surface, footprint, area, shadows, theta_of(alike), watch.clock
+    return Forecast(
+        options.surface,
+        footprint,
+        area_of(neighbours, sheets),
+        shadows_of(neighbours, sheets),
+        pace_of(theta_of(alike), clock),
     )
-    left = budget - (watch.clock() - begin)
+
+
+def _deadline(budget: float, forecast: Forecast, watch: Watch) -> float:
+    """Seconds after the beginning at which the fit must end, for all to end in time."""
+    needed = forecast.seconds(forecast.fineness)
+    left = budget - (watch.clock() - watch.begin)
     return budget - float(min(max(needed, LEAST_KEPT * budget), max(MOST_KEPT * left, 0.0)))
 
 

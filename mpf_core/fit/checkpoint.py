@@ -22,7 +22,7 @@ from mpf_core.files import write_atomically
 from mpf_core.fit.sampler import Pools
 from mpf_core.options import FitOptions
 
-FORMAT = "mpf-checkpoint-1"
+FORMAT = "mpf-checkpoint-2"
 
 
 @dataclass(frozen=True)

@@ -117,15 +117,34 @@ class Initialization:
         return np.asarray(np.where(label == INSIDE, -r, np.where(label == OUTSIDE, r, side)))
 
 
+@dataclass(frozen=True)
+class Facing:
+    """Which way samples face before gaps are closed: `space` as the flood fills it, `normals`
+    (n, 3) oriented by it."""
+
+    space: FreeSpace
+    normals: Array
+
+
+def facing(neighbours: Neighborhoods, threads: int = -1) -> Facing:
+    """The first half of `initialize`."""
+    space = parted(neighbours, flood(neighbours, threads=threads))
+    return Facing(space, orient(neighbours, outward_seeds(neighbours, space)))
+
+
 def initialize(
-    neighbours: Neighborhoods, *, shell: float | None = None, threads: int = -1
+    neighbours: Neighborhoods,
+    first: Facing | None = None,
+    *,
+    shell: float | None = None,
+    threads: int = -1,
 ) -> Initialization:
-    """The classical start from the neighbourhoods of a cloud in [-1, 1]³; `shell` is ε, by the
-    spacing if not given."""
+    """The classical start from the neighbourhoods of a cloud in [-1, 1]³. `first` is their
+    `facing` where that is known already; `shell` is ε, by the spacing if not given."""
     if shell is None:
         shell = half_thickness(neighbours)
-    space = parted(neighbours, flood(neighbours, threads=threads))
-    normals = orient(neighbours, outward_seeds(neighbours, space))
+    first = first or facing(neighbours, threads)
+    space, normals = first.space, first.normals
     bounds = sides(neighbours, normals, space)
     if (bounds.solid > 0.5).mean() < EXPLAINED:
         closed = close_gaps(neighbours, normals, space)

@@ -79,6 +79,48 @@ def _norms(matrices: Tensor) -> Tensor:
     return squared.sqrt() + TINY
 
 
+class Adam:
+    """Kingma and Ba 2015. Torch's own loads its compiler, which takes seconds, to make no use of
+    it."""
+
+    EPSILON = 1e-8
+
+    def __init__(self, parameters: list[nn.Parameter], betas: tuple[float, float]):
+        self.parameters, self.betas, self.steps = parameters, betas, 0
+        self.first = [torch.zeros_like(p) for p in parameters]
+        self.second = [torch.zeros_like(p) for p in parameters]
+
+    @torch.no_grad()
+    def step(self, rates: list[float]) -> None:
+        """One step, each parameter at its own of `rates`."""
+        self.steps += 1
+        keep, keep_square = self.betas
+        bias, bias_square = (1 - beta**self.steps for beta in self.betas)
+        state = zip(self.parameters, self.first, self.second, rates, strict=True)
+        for parameter, first, second, rate in state:
+            gradient = parameter.grad
+            if gradient is None:
+                continue
+            first.lerp_(gradient, 1 - keep)
+            second.mul_(keep_square).addcmul_(gradient, gradient, value=1 - keep_square)
+            root = (second / bias_square).sqrt_().add_(self.EPSILON)
+            parameter.addcdiv_(first, root, value=-rate / bias)
+
+    def state(self) -> dict[str, Tensor]:
+        """Means and the number of steps, copied."""
+        tensors = {"steps": torch.tensor(self.steps)}
+        for k, (first, second) in enumerate(zip(self.first, self.second, strict=True)):
+            tensors |= {f"{k}.first": first.clone(), f"{k}.second": second.clone()}
+        return tensors
+
+    def restore(self, tensors: dict[str, Tensor]) -> None:
+        """The inverse of `state`."""
+        self.steps = int(tensors["steps"])
+        for k, (first, second) in enumerate(zip(self.first, self.second, strict=True)):
+            first.copy_(tensors[f"{k}.first"])
+            second.copy_(tensors[f"{k}.second"])
+
+
 class Optimizer:
     """The optimisers of one fit as a single step."""
 
@@ -93,21 +135,17 @@ class Optimizer:
         matrices = field.siren.square_matrices() if options.optimizer == "muon" else []
         self.muon = Muon(matrices, precision=precision) if matrices else None
         taken = {id(p) for p in [*matrices, field.beta]}
-        rest = [p for p in self.parameters if id(p) not in taken]
-        self.adam_parameters = [*rest, field.beta]
+        self.rest = [p for p in self.parameters if id(p) not in taken]
         betas = (0.9, 0.99) if self.muon else (0.9, 0.999)
-        self.adam = torch.optim.Adam(
-            [{"params": rest}, {"params": [field.beta]}], betas=betas, fused=True
-        )
+        self.adam = Adam([*self.rest, field.beta], betas)
 
     def step(self, rate: float) -> None:
         """Apply the gradients that stand in the parameters, at `rate` times the options' rates."""
         options = self.options
-        self.adam.param_groups[0]["lr"] = options.learning_rate * rate
-        self.adam.param_groups[1]["lr"] = options.beta_learning_rate
         if options.gradient_clip > 0:
             nn.utils.clip_grad_norm_(self.parameters, options.gradient_clip)
-        self.adam.step()
+        rates = [options.learning_rate * rate] * len(self.rest)
+        self.adam.step([*rates, options.beta_learning_rate])
         if self.muon:
             self.muon.step(options.muon_learning_rate * rate)
 
@@ -121,22 +159,14 @@ class Optimizer:
             parameter.grad = None
 
     def state(self) -> dict[str, Tensor]:
-        """Momenta and step counts, copied; nothing before the first step."""
-        tensors = {}
-        for k, parameter in enumerate(self.adam_parameters):
-            for name, value in self.adam.state.get(parameter, {}).items():
-                tensors[f"{k}.{name}"] = value.clone()
+        """Momenta and step counts, copied."""
+        tensors = self.adam.state()
         if self.muon:
             tensors["momentum"] = self.muon.buffer.clone()
         return tensors
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
         """The inverse of `state`."""
-        self.adam.state.clear()
-        for key, value in tensors.items():
-            if key == "momentum":
-                if self.muon:
-                    self.muon.buffer.copy_(value)
-                continue
-            k, name = key.split(".")
-            self.adam.state[self.adam_parameters[int(k)]][name] = value.clone()
+        self.adam.restore(tensors)
+        if self.muon:
+            self.muon.buffer.copy_(tensors["momentum"])

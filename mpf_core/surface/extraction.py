@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,11 @@ from mpf_core.surface.bounds import BOUND
 from mpf_core.surface.boxed import kept_within, leaves
 from mpf_core.surface.coarsen import coarsened, most_faces
 from mpf_core.surface.finish import FLOATER_SPACINGS, finish, without_floaters
-from mpf_core.surface.isosurface import Grid, Isosurface, extract
+from mpf_core.surface.forecast import Until
+from mpf_core.surface.isosurface import Grid, Isosurface, TooManyCells, extract
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.perforations import without_perforations
-from mpf_core.surface.resolution import Fineness, choose_resolution
+from mpf_core.surface.resolution import LOWEST, Fineness, choose_resolution
 from mpf_core.surface.untangle import untangled
 
 Painted = tuple[cKDTree, NDArray[np.uint8]]
@@ -38,18 +40,20 @@ def extract_mesh(
     options: SurfaceOptions,
     *,
     painted: Painted | None = None,
+    until: Until | None = None,
 ) -> Extraction:
     """The zero level of the field as a mesh, on the threads of the caller's `parallel.workers`.
 
     The same field gives the same mesh bit for bit on the same number of threads. Pairs of faces
     that cross are parted where they can be.
-    painted: normalised samples with their colours; the footprint's if not given. Raises NoSurface,
-    ResolutionTooHigh, and what the caller's `heeding` does.
+    painted: normalised samples with their colours; the footprint's if not given. until: the grid is
+    coarser where there is no time for what the surface turns out to be, and the report says so.
+    Raises NoSurface, ResolutionTooHigh, and what the caller's `heeding` does.
     """
     footprint = fitted.footprint
     fineness = choose_resolution(options, footprint, fitted.networks)
     asked = options.resolution is not None
-    surface, resolution = _zero_level(fitted, fineness, asked)
+    surface, fineness = _zero_level(fitted, fineness, asked, until)
     kept_apart = max(footprint.spacing, footprint.cover / np.sqrt(3))
     vertices, faces, perforations = without_perforations(
         surface.vertices, surface.faces, footprint.tree, kept_apart
@@ -69,7 +73,7 @@ def extract_mesh(
         painted = footprint.tree, footprint.colors
     mesh = finish(vertices, faces, fitted.gradient(), fitted.similarity, painted)
     report = {
-        "resolution": resolution,
+        "resolution": fineness.cells,
         "finer": list(fineness.finer),
         "reason": fineness.reason,
         "cell": fitted.similarity.length_to_input(surface.grid.cell),
@@ -85,22 +89,44 @@ def extract_mesh(
     return Extraction(mesh, report)
 
 
-def _zero_level(fitted: Fitted, fineness: Fineness, asked: bool) -> tuple[Isosurface, int]:
-    footprint, resolution = fitted.footprint, fineness.cells
+def _zero_level(
+    fitted: Fitted, fineness: Fineness, asked: bool, until: Until | None
+) -> tuple[Isosurface, Fineness]:
+    footprint = fitted.footprint
     reach = footprint.reach + footprint.cover
+    wanted = fineness.cells
     while True:
-        grid = Grid.around(fitted.box[0], fitted.box[1], resolution, fineness.finer)
+        grid = Grid.around(fitted.box[0], fitted.box[1], fineness.cells, fineness.finer)
+        fits = None
+        if until is not None and not asked and fineness.cells > LOWEST:
+            fits = partial(until.fits, fineness)
         try:
-            surface = extract(fitted.level(), grid, footprint.tree, reach=reach)
+            surface = extract(fitted.level(), grid, footprint.tree, reach=reach, fits=fits)
             within = kept_within(fitted.level(), grid) if leaves(surface) else None
             if within is not None:
                 before = surface.evaluations
                 surface = extract(within, grid, footprint.tree, reach=reach)
                 evaluations = before + surface.evaluations
                 surface = replace(surface, evaluations=evaluations, ended_at_sides=True)
+        except TooManyCells as error:
+            assert until is not None
+            cells = _in_time(fineness, error.cells, until).cells
+            why = f"{cells} cells instead of {wanted}, for which there was no time left"
+            fineness = replace(fineness, cells=cells, reason=why)
         except ResolutionTooHigh:
             if asked:
                 raise
-            resolution = resolution * 3 // 4  # chosen by us: a coarser surface beats none
+            # Chosen by us: a coarser surface beats none.
+            fineness = replace(fineness, cells=fineness.cells * 3 // 4)
         else:
-            return surface, resolution
+            return surface, fineness
+
+
+def _in_time(fineness: Fineness, cells: float, until: Until) -> Fineness:
+    """The finest grid for which there is time, of a surface that crosses so many cells of this."""
+    coarser = fineness
+    while not until.fits(coarser, cells) and coarser.cells > LOWEST:
+        fewer = max(coarser.cells * 3 // 4, LOWEST)
+        cells *= (fewer / coarser.cells) ** 2
+        coarser = replace(coarser, cells=fewer)
+    return coarser

@@ -10,7 +10,6 @@ scatter cannot tell from the field's own surface is left to the field.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,8 +22,9 @@ from mpf_core.cloud.neighbors import Neighborhoods, nearest
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.sides import Sides
-from mpf_core.heeding import in_parts
+from mpf_core.heeding import Late, in_parts, no_later
 from mpf_core.options import DataOptions
+from mpf_core.progress import Clock
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.normals import unit_normals
 from mpf_core.surface.patches import NEIGHBOURS, Patches, patches_of, pull
@@ -76,11 +76,13 @@ def onto_data(
     *,
     spacing: float,
     threads: int = -1,
-    clock: Callable[[], float] = time.monotonic,
+    clock: Clock = time.monotonic,
+    end: float = np.inf,
 ) -> tuple[Mesh, dict[str, Any]]:
     """`mesh`, in the input's frame, moved onto the data, and what the report tells of that.
 
-    `spacing` is the cloud's, normalised: the thickness of shells is a share of it.
+    `spacing` is the cloud's, normalised: the thickness of shells is a share of it. What is not done
+    by `end` is not done at all.
     """
     if options.fidelity == "off":
         return mesh, {"applied": False, "reason": "switched off"}
@@ -90,17 +92,21 @@ def onto_data(
         return mesh, {"applied": False, "reason": f"more than {MOST_VERTICES} vertices"}
     assert mesh.normals is not None
     begin = clock()
-    moved = follow_data(
-        similarity.to_normalised(mesh.vertices),
-        mesh.faces,
-        mesh.normals,
-        start.local.neighbours,
-        start.normals,
-        sheets_of(start.bounds),
-        shell=2 * start.shell,
-        thickness=options.sheet_thickness * spacing,
-        threads=threads,
-    )
+    try:
+        with no_later(clock, end):
+            moved = follow_data(
+                similarity.to_normalised(mesh.vertices),
+                mesh.faces,
+                mesh.normals,
+                start.local.neighbours,
+                start.normals,
+                sheets_of(start.bounds),
+                shell=2 * start.shell,
+                thickness=options.sheet_thickness * spacing,
+                threads=threads,
+            )
+    except Late:
+        return mesh, {"applied": False, "reason": "there was no time left for it"}
     return taken(mesh, moved, similarity, clock() - begin)
 
 

@@ -1,4 +1,5 @@
-"""How long the way from the fitted field to the written mesh will take, before the field is fitted.
+"""How long the way from the fitted field to the written mesh will take: told before the field is
+fitted, so that the fit leaves time for it, and again once its surface is seen, which may be more.
 
 By counts: cells that the surface will cross, triangles that will be left. These follow from its
 area, those from its shadows along the axes, and both from the samples. What each costs is told in
@@ -8,6 +9,7 @@ evaluations of θ, whose pace is measured.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,40 +17,85 @@ from numpy.typing import NDArray
 from mpf_core.cloud.neighbors import Neighborhoods
 from mpf_core.field.footprint import Footprint
 from mpf_core.options import SurfaceOptions
+from mpf_core.progress import Clock
 from mpf_core.surface.coarsen import faces_for, most_faces
-from mpf_core.surface.resolution import choose_resolution
+from mpf_core.surface.resolution import Fineness, choose_resolution
 
 PER_CELL = 9.5  # evaluations per crossed cell: 2.2 of θ, the rest mostly merging of triangles
 PER_FACE = 15.0  # for each triangle left: the last step, normals, crossings, report, writing
 FIXED = 1.5  # seconds
 PROBES, ROUNDS = 16_384, 4  # points at which the pace is measured, and how often; the best counts
+# A surface of so many times the cells that the samples foretell is torn, or full of pockets, and
+# every one of them takes so many times as long: much to be closed, merged and taken back.
+TORN, DEARER = 1.5, 2.2
+LATE = 0.25  # of its seconds that an extraction may be foretold to last beyond the end
+# After the last step, for each triangle; and seconds that this step, without which the mesh is ten
+# times farther off, may last beyond the end.
+AFTER, GRACE = 4.0, 2.0
 
 Evaluate = Callable[[NDArray[np.float64]], NDArray[np.float32]]
 
 
-def seconds_after_fit(
-    options: SurfaceOptions,
-    footprint: Footprint,
-    area: float,
-    shadows: NDArray[np.float64],
-    evaluate: Evaluate,
-    clock: Callable[[], float],
-) -> float:
-    """From extraction to the written file, for a mesh of `area` with `shadows` (3,), normalised.
-    `evaluate` need not be the field that is meant, only as large."""
-    fineness = choose_resolution(options, footprint)
-    cells = crossed(shadows, 2 / fineness.cells / np.array(fineness.finer))
-    faces = 2 * cells
-    if options.coarsen == "auto" and options.resolution is None:
-        faces = min(faces, faces_for(area, footprint.spacing, most_faces(options)))
+@dataclass(frozen=True)
+class Forecast:
+    """What the samples tell of a mesh with `footprint`: its `area`, and its `shadows` (3,) along
+    the axes, normalised. pace: seconds that an evaluation of θ takes."""
+
+    options: SurfaceOptions
+    footprint: Footprint
+    area: float
+    shadows: NDArray[np.float64]
+    pace: float
+
+    @property
+    def fineness(self) -> Fineness:
+        """Of the grid, if there is time for it."""
+        return choose_resolution(self.options, self.footprint)
+
+    def cells(self, fineness: Fineness) -> float:
+        """How many of the grid's cells the surface will cross."""
+        return crossed(self.shadows, 2 / fineness.cells / np.array(fineness.finer))
+
+    def seconds(self, fineness: Fineness, cells: float | None = None) -> float:
+        """From extraction to the written file, if the surface crosses so many `cells`."""
+        expected = self.cells(fineness)
+        more = 1.0 if cells is None else cells / expected
+        cells = expected * more
+        faces = 2 * cells
+        if self.options.coarsen == "auto" and self.options.resolution is None:
+            most = most_faces(self.options)
+            faces = min(faces, faces_for(self.area * more, self.footprint.spacing, most))
+        dearer = DEARER if more > TORN else 1.0
+        return FIXED + dearer * self.pace * (PER_CELL * cells + PER_FACE * faces)
+
+
+@dataclass(frozen=True)
+class Until:
+    """The `end`, by `clock`, of what `forecast` is of."""
+
+    forecast: Forecast
+    clock: Clock
+    end: float
+
+    def fits(self, fineness: Fineness, cells: float) -> bool:
+        """Whether there is time for a surface that crosses so many cells."""
+        seconds = self.forecast.seconds(fineness, cells)
+        return self.clock() + (1 - LATE) * seconds <= self.end
+
+    def last_step(self, faces: int) -> float:
+        """When the last step of a mesh of so many faces must have ended."""
+        return self.end + GRACE - AFTER * self.forecast.pace * faces
+
+
+def pace_of(evaluate: Evaluate, clock: Clock) -> float:
+    """Seconds that `evaluate` takes for a point."""
     points = np.random.default_rng(0).uniform(-1, 1, (PROBES, 3))
     seconds = []
     for _ in range(ROUNDS):
         begin = clock()
         evaluate(points)
         seconds.append(clock() - begin)
-    pace = min(seconds) / PROBES
-    return FIXED + pace * (PER_CELL * cells + PER_FACE * faces)
+    return min(seconds) / PROBES
 
 
 def crossed(shadows: NDArray[np.float64], steps: NDArray[np.float64]) -> float:

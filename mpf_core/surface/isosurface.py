@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,17 @@ BYTES_PER_CELL = 850
 CROSSED = {2: 0.85, 4: 0.3}
 CROSSED_OF_LARGE = 0.12
 
-__all__ = ["Grid", "Isosurface", "extract"]
+__all__ = ["Grid", "Isosurface", "TooManyCells", "extract"]
+
+Fits = Callable[[float], bool]
+
+
+class TooManyCells(ResolutionTooHigh):
+    """The surface crosses more cells than there is time for."""
+
+    def __init__(self, cells: float):
+        super().__init__(f"the surface crosses some {cells:.0f} cells")
+        self.cells = cells
 
 
 @dataclass(frozen=True)
@@ -56,13 +67,14 @@ def extract(
     *,
     reach: float,
     memory_limit: int = MEMORY_LIMIT,
+    fits: Fits | None = None,
     cancel: CancelCheck | None = None,
 ) -> Isosurface:
     """The zero level of `evaluate` (n, 3) → (n,), negative inside.
 
     No cell within `reach` of a sample is left out while cells are as large as a brick and as
-    `reach`: there a fit is least to be trusted to keep to the bounds.
-    Raises NoSurface, ResolutionTooHigh, Cancelled.
+    `reach`: there a fit is least to be trusted to keep to the bounds. `fits` says whether there is
+    time for so many crossed cells. Raises NoSurface, ResolutionTooHigh, TooManyCells, Cancelled.
     """
 
     def near(cells: Cells, size: int) -> NDArray[np.bool_]:
@@ -76,7 +88,11 @@ def extract(
         heed()
         if cancel is not None and cancel():
             raise Cancelled("the extraction was cancelled")
-        _check_memory(count, size, grid, memory_limit)
+        # Each halving of the cells multiplies those near a surface by four.
+        crossed = count * size**2 * CROSSED.get(size, CROSSED_OF_LARGE)
+        _check_memory(crossed, grid, memory_limit)
+        if fits is not None and not fits(crossed):
+            raise TooManyCells(crossed)
 
     lattice, cells = refined(grid, evaluate, near, check)
     found = triangulated(lattice, cells)
@@ -88,9 +104,8 @@ def extract(
     return Isosurface(found.vertices, found.faces, grid, lattice.evaluations, found.crossed)
 
 
-def _check_memory(count: int, size: int, grid: Grid, limit: int) -> None:
-    # Each halving of the cells multiplies those near a surface by four.
-    needed = count * size**2 * CROSSED.get(size, CROSSED_OF_LARGE) * BYTES_PER_CELL
+def _check_memory(crossed: float, grid: Grid, limit: int) -> None:
+    needed = crossed * BYTES_PER_CELL
     if needed > limit:
         longest = int((grid.shape // grid.finer).max())
         fits = int(longest * (limit / needed) ** 0.5)

@@ -19,7 +19,7 @@ from mpf_core.field.precision import products_in
 from mpf_core.files import write_atomically
 from mpf_core.fit.compiled import prepare as prepare_loops
 from mpf_core.fit.inherited import inherited
-from mpf_core.fit.initialize import Initialization
+from mpf_core.fit.initialize import Facing, Initialization
 from mpf_core.fit.sampler import pool_size, warm_pools
 from mpf_core.fit.trainer import FEWEST, fit_field
 from mpf_core.heeding import heeding
@@ -123,10 +123,12 @@ def _fitted(
     tile: TileData, out: Path, options: Options, watch: Watch, threads: int
 ) -> dict[str, Any]:
     watch.enter("prepare")
-    prepare_loops(products_in(options.fit.precision), watch.cancel)
+    with watch.compiling():
+        prepare_loops(products_in(options.fit.precision), watch.cancel)
     samples = tile.similarity.to_normalised(tile.points)
 
-    def begin(neighbours: Neighborhoods) -> Initialization:
+    def begin(neighbours: Neighborhoods, first: Facing | None) -> Initialization:
+        del first  # of the whole, not of the tile
         return inherited(neighbours, tile.phase, threads=threads)
 
     known = known_of(samples, options, watch, threads, begin)
@@ -143,7 +145,7 @@ def _fitted(
     field, log = fit_field(
         pools,
         options.fit,
-        watch.control((1 - KEPT) * options.fit.time_budget),
+        watch.control((1 - KEPT) * options.fit.time_budget + watch.granted),
         seed=options.seed,
         reliability=neighbours.normal_reliability,
         threads=threads,

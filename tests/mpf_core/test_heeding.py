@@ -11,7 +11,7 @@ import pytest
 
 from mpf_core.cloud.neighbors import analyse
 from mpf_core.errors import Cancelled
-from mpf_core.heeding import heed, heeding, in_parts
+from mpf_core.heeding import Late, heed, heeding, in_parts, no_later
 from mpf_core.parallel import mapped, workers
 from tests.mpf_core.clouds import sphere
 
@@ -42,6 +42,17 @@ def test_the_innermost_is_heeded_and_then_the_one_around() -> None:
             heed()
         heed()
     assert (outer.calls, inner.calls) == (1, 1)
+
+
+def test_what_takes_too_long_ends_as_well_as_what_is_cancelled() -> None:
+    now, wish = [0.0], Wish(2)
+    with heeding(wish), no_later(lambda: now[0], 1.0):
+        heed()
+        now[0] = 1.5
+        with pytest.raises(Late):
+            heed()
+        with pytest.raises(Cancelled):
+            heed()
 
 
 def test_an_analysis_ends_in_its_midst() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -15,13 +14,14 @@ import torch
 
 import mpf_core
 from mpf_core import Reconstruction, options_from, pipeline, reconstruct, results
+from mpf_core.cloud.neighbors import analyse
 from mpf_core.errors import Cancelled, CloudError, Collinear, NotFinite, TooLarge, TooSmall
 from mpf_core.field.footprint import Footprint
 from mpf_core.fit.sampler import warm_pools
-from mpf_core.known import known_of
 from mpf_core.options import Options
 from mpf_core.progress import Progress
 from mpf_core.surface.edit import edited
+from mpf_core.surface.forecast import Forecast, area_of, shadows_of
 from mpf_core.watch import Watch
 from tests.mpf_core.clouds import Array, plane, sphere
 
@@ -238,20 +238,26 @@ def test_the_time_budget_holds_for_the_whole_job() -> None:
     assert result.report["fit"]["planned_iterations"] < 480
 
 
-def test_what_is_kept_for_the_mesh_leaves_the_fit_its_share(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_is_kept_for_the_mesh_leaves_the_fit_its_share() -> None:
     """Also where the samples took most of the time, and the mesh would need more than is left."""
-    monkeypatch.setattr(pipeline, "seconds_after_fit", lambda *_: 100.0)
     clock = iter((0.0, 0.0, 50.0, 60.0, 70.0))
     watch = Watch(lambda: next(clock), None, None)
     options = small(time_budget=60.0)
-    points = sphere(300)
-    known = known_of(points, options, Watch(time.monotonic, None, None), 1)
-    footprint = Footprint.of(points, spacing=0.1, reach=0.1, thickness=None)
+    near = analyse(sphere(300))
+    footprint = Footprint.of(near.points, spacing=0.1, reach=0.1, thickness=None)
+    area, shadows = area_of(near, 0.0), shadows_of(near, 0.0)
+    long = Forecast(options.surface, footprint, area, shadows, pace=1.0)
     for kept in (36.0, 6.0, 0.0, 0.0):
-        deadline = pipeline._deadline(options, footprint, known.neighbours, known.start, watch)
-        assert deadline == pytest.approx(60.0 - kept)
+        assert pipeline._deadline(60.0, long, watch) == pytest.approx(60.0 - kept)
+
+
+def test_what_a_first_run_compiles_is_not_taken_from_its_fit() -> None:
+    now = [0.0]
+    watch = Watch(lambda: now[0], None, None)
+    for seconds, granted in ((1.0, 0.0), (12.0, 10.0), (100.0, 30.0)):
+        with watch.compiling():
+            now[0] += seconds
+        assert watch.granted == granted
 
 
 def test_a_file_becomes_all_artefacts(tmp_path: Path) -> None:

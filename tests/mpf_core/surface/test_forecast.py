@@ -12,6 +12,7 @@ from mpf_core.cloud.neighbors import analyse
 from mpf_core.field.footprint import Footprint
 from mpf_core.options import options_from
 from mpf_core.surface import forecast
+from mpf_core.surface.forecast import Forecast, Until
 from mpf_core.surface.isosurface import Grid, extract
 from tests.mpf_core.clouds import plane, sphere
 
@@ -35,14 +36,15 @@ def footprint(points: NDArray[np.float64], thickness: float | None = None) -> Fo
     return Footprint.of(points, spacing=spacing, reach=spacing, thickness=thickness)
 
 
-def told(points: NDArray[np.float64], pace: float = 1e-5, **changes: Any) -> float:
-    clock = Ticking(pace)
+def foretold(points: NDArray[np.float64], pace: float = 1e-5, **changes: Any) -> Forecast:
     near = analyse(points)
     area, shadows = forecast.area_of(near, 0.0), forecast.shadows_of(near, 0.0)
-    surface = options_from(changes).surface
-    return forecast.seconds_after_fit(
-        surface, footprint(points), area, shadows, clock.evaluate, clock
-    )
+    return Forecast(options_from(changes).surface, footprint(points), area, shadows, pace)
+
+
+def told(points: NDArray[np.float64], pace: float = 1e-5, **changes: Any) -> float:
+    found = foretold(points, pace, **changes)
+    return found.seconds(found.fineness)
 
 
 def test_samples_tell_the_area_of_what_they_cover() -> None:
@@ -79,3 +81,26 @@ def test_time_grows_with_the_pace_and_with_the_square_of_the_resolution() -> Non
     assert more == pytest.approx(4 * few, rel=1e-6)
     slow = told(points, pace=2e-5, resolution=128) - forecast.FIXED
     assert slow == pytest.approx(2 * few, rel=1e-6)
+
+
+def test_the_pace_is_the_best_of_what_is_seen() -> None:
+    clock = Ticking(3e-6)
+    assert forecast.pace_of(clock.evaluate, clock) == pytest.approx(3e-6)
+
+
+def test_a_torn_surface_is_foretold_to_last_longer_than_its_cells() -> None:
+    found = foretold(0.8 * sphere(4000), resolution=128)
+    cells = found.cells(found.fineness)
+    whole, torn = (found.seconds(found.fineness, k * cells) - forecast.FIXED for k in (1.4, 2.8))
+    assert torn == pytest.approx(2 * whole * forecast.DEARER)
+
+
+def test_what_does_not_fit_into_the_time_left_is_told() -> None:
+    found = foretold(0.8 * sphere(4000), resolution=128)
+    cells = found.cells(found.fineness)
+    needed = found.seconds(found.fineness)
+    soon, late = (Until(found, lambda: 0.0, share * needed) for share in (0.8, 0.7))
+    assert soon.fits(found.fineness, cells) and not late.fits(found.fineness, cells)
+    assert not soon.fits(found.fineness, 2 * cells)
+    after = forecast.AFTER * found.pace * 1000
+    assert late.last_step(1000) == pytest.approx(0.7 * needed + forecast.GRACE - after)
