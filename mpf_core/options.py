@@ -86,6 +86,13 @@ class FitOptions:
         low=1.0,
         high=200.0,
     )
+    slow_waves: float = option(
+        0.125,
+        "Share of the first layer's units that begin with a quarter of ω₀: with fast waves alone, "
+        "what is deep inside learns its side a thousand steps late, or not at all.",
+        low=0.0,
+        high=1.0,
+    )
     beta: float = option(50.0, "Start of the learnable phase sharpness β.", low=0.01, high=1000.0)
     composite: str = option(
         "residual",
@@ -333,14 +340,16 @@ class Options:
 
 PRESETS: dict[str, Options] = {
     "balanced": Options(),
-    # Half the points of a step: twice the iterations, which thin shells need more. Samples looked
-    # at and faces left are as few as leave a slow machine a third of the minute for a room's fit.
+    # Half the points of a step in half the width: five times the iterations, which thin shells need
+    # more. Samples looked at and faces left are as few as leave a slow machine a third of the
+    # minute for a room's fit.
     "draft": Options(
         preset="draft",
         fit=FitOptions(
             max_iterations=1600,
             time_budget=55.0,
             analysed=50_000,
+            width=128,
             surface_points=768,
             near_points=256,
             far_points=512,
@@ -360,6 +369,7 @@ PRESETS: dict[str, Options] = {
             warm_start=False,
             warm_fraction=0.0,
             omega=30.0,
+            slow_waves=0.0,
             surface_points=15_000,
             near_points=15_000,
             far_points=15_000,

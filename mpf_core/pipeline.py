@@ -136,7 +136,7 @@ def _reconstructed(
         colors=cloud.colors,
     )
     watch.enter("fit")
-    forecast = _forecast(options, footprint, neighbours, start, watch.clock)
+    forecast = _forecast(options, footprint, neighbours, start, watch.clock, threads)
     budget = options.fit.time_budget + watch.granted
     field, log = fit_field(
         pools,
@@ -190,6 +190,7 @@ def _forecast(
     neighbours: Neighborhoods,
     start: Initialization | None,
     clock: Clock,
+    threads: int,
 ) -> Forecast:
     """What the mesh will cost; its field is evaluated as fast as any other of its size."""
     drawn = torch.Generator().manual_seed(options.seed)
@@ -200,7 +201,7 @@ def _forecast(
         footprint,
         area_of(neighbours, sheets),
         shadows_of(neighbours, sheets),
-        pace_of(theta_of(alike), clock),
+        pace_of(theta_of(alike), clock, threads),
     )
 
 

@@ -23,6 +23,7 @@ ADDITIONS: dict[str, dict[str, Any]] = {
     "λ phase of the paper": {"weight_phase": 0.002},
     "λ normal of the paper": {"weight_normal": 0.15},
     "ω₀ = 30": {"omega": 30.0},
+    "no slow waves": {"slow_waves": 0.0},
     "last mean, not the best": {"patience": 0.0},
     "no mean of states": {"averaging": 0.0},
     "φ = r·P, no residual": {"composite": "product"},

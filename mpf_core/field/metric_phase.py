@@ -35,6 +35,7 @@ class MetricPhaseField(nn.Module):
         *,
         width: int = 256,
         omega: float = 30.0,
+        slow: float = 0.0,
         beta: float = 50.0,
         softplus_slope: float = 100.0,
         closed: bool = False,
@@ -44,7 +45,7 @@ class MetricPhaseField(nn.Module):
         super().__init__()
         self.width, self.omega, self.softplus_slope = width, omega, softplus_slope
         self.composite = composite
-        self.siren = Siren(width, omega, generator)
+        self.siren = Siren(width, omega, generator, slow=slow)
         self.beta = nn.Parameter(torch.tensor(float(beta)))
         if closed:
             with torch.no_grad():

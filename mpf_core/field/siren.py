@@ -25,6 +25,7 @@ from mpf_core.field.jet import Jet, Order
 from mpf_core.field.pointwise import functions, functions_of_theta
 from mpf_core.field.sweeps import GradientSweep, LaplacianSweep, Part, ValueSweep, descend
 
+SLOW = 0.25  # of ω₀: frequency of the first layer's slow units
 BLOCK = 512  # points whose sines, twice 512 KiB, stay in the second cache
 
 
@@ -33,10 +34,18 @@ class Siren(nn.Module):
 
     `omega` is ω₀, folded into the first weights (Sitzmann et al. 2020, section 3.2); the hidden
     weights carry their own factor of ω, so that a step of an optimiser has the same meaning in
-    every layer and no product with ω is needed at run time.
+    every layer and no product with ω is needed at run time. The first of its units, a share `slow`
+    of them, begin with a quarter of that frequency.
     """
 
-    def __init__(self, width: int, omega: float, generator: torch.Generator | None = None):
+    def __init__(
+        self,
+        width: int,
+        omega: float,
+        generator: torch.Generator | None = None,
+        *,
+        slow: float = 0.0,
+    ):
         super().__init__()
 
         def uniform(*shape: int, bound: float) -> nn.Parameter:
@@ -45,6 +54,7 @@ class Siren(nn.Module):
         self.precision: torch.dtype | None = None  # of the hidden products in `forward`
         hidden = math.sqrt(6 / width)
         self.input_weight = uniform(width, 3, bound=omega / 3)
+        self.input_weight.data[: round(slow * width)] *= SLOW
         self.input_bias = uniform(width, bound=math.pi)
         self.shared_weight = uniform(width, width, bound=hidden)
         self.shared_bias = uniform(width, bound=0.1)

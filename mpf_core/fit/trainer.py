@@ -100,6 +100,7 @@ class Trainer:
         self.field = MetricPhaseField(
             width=options.width,
             omega=first_frequency(options, pools.spacing),
+            slow=options.slow_waves,
             beta=options.beta,
             softplus_slope=options.softplus_slope,
             closed=options.closed,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -12,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from mpf_core.errors import ResolutionTooHigh
 from mpf_core.field.fitted import Fitted
+from mpf_core.heeding import Late, no_later
 from mpf_core.options import SurfaceOptions
 from mpf_core.surface.bounds import BOUND
 from mpf_core.surface.boxed import kept_within, leaves
@@ -23,6 +25,8 @@ from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.perforations import without_perforations
 from mpf_core.surface.resolution import LOWEST, Fineness, choose_resolution
 from mpf_core.surface.untangle import untangled
+
+CLOSING = 0.4  # of the time left, for perforations
 
 Painted = tuple[cKDTree, NDArray[np.uint8]]
 
@@ -55,10 +59,7 @@ def extract_mesh(
     asked = options.resolution is not None
     surface, fineness = _zero_level(fitted, fineness, asked, until)
     kept_apart = max(footprint.spacing, footprint.cover / np.sqrt(3))
-    vertices, faces, perforations = without_perforations(
-        surface.vertices, surface.faces, footprint.tree, kept_apart
-    )
-    surface = replace(surface, vertices=vertices, faces=faces)
+    surface, perforations = _closed(surface, footprint.tree, kept_apart, until)
     # A piece is a floater by its distance to the samples, of which the footprint keeps some.
     spacing = footprint.spacing + footprint.cover / FLOATER_SPACINGS
     vertices, faces, floaters = without_floaters(
@@ -87,6 +88,21 @@ def extract_mesh(
         "bound": BOUND,
     }
     return Extraction(mesh, report)
+
+
+def _closed(
+    surface: Isosurface, samples: cKDTree, apart: float, until: Until | None
+) -> tuple[Isosurface, int]:
+    """Without perforations, and how many there were; as it is where closing them takes too long,
+    as in shells that the fit has torn."""
+    try:
+        with nullcontext() if until is None else no_later(until.clock, until.after(CLOSING)):
+            vertices, faces, closed = without_perforations(
+                surface.vertices, surface.faces, samples, apart
+            )
+    except Late:
+        return surface, 0
+    return replace(surface, vertices=vertices, faces=faces), closed
 
 
 def _zero_level(

@@ -3,7 +3,8 @@ fitted, so that the fit leaves time for it, and again once its surface is seen, 
 
 By counts: cells that the surface will cross, triangles that will be left. These follow from its
 area, those from its shadows along the axes, and both from the samples. What each costs is told in
-evaluations of θ, whose pace is measured.
+evaluations of θ, which are products of matrices, and in searches of a tree, which stand for all
+other work: machines are fast at the one or the other, and the pace of both is measured.
 """
 
 from __future__ import annotations
@@ -13,39 +14,56 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from mpf_core.cloud.neighbors import Neighborhoods
+from mpf_core.cloud.neighbors import Neighborhoods, nearest
 from mpf_core.field.footprint import Footprint
 from mpf_core.options import SurfaceOptions
 from mpf_core.progress import Clock
 from mpf_core.surface.coarsen import faces_for, most_faces
 from mpf_core.surface.resolution import Fineness, choose_resolution
 
-PER_CELL = 9.5  # evaluations per crossed cell: 2.2 of θ, the rest mostly merging of triangles
-PER_FACE = 15.0  # for each triangle left: the last step, normals, crossings, report, writing
+# Evaluations and searches for each crossed cell (to find it, to merge its triangles) and for each
+# triangle that is left (the last step, normals, crossings, report, writing).
+EVALUATIONS = {"cell": 4.0, "face": 1.5}
+SEARCHES = {"cell": 10.6, "face": 31.0}
 FIXED = 1.5  # seconds
-PROBES, ROUNDS = 16_384, 4  # points at which the pace is measured, and how often; the best counts
+PROBES, ROUNDS = 16_384, 3  # at which a pace is measured, and how often; the best counts
+NEIGHBOURS = 8  # that a search is for, among the probes
 # A surface of so many times the cells that the samples foretell is torn, or full of pockets, and
 # every one of them takes so many times as long: much to be closed, merged and taken back.
-TORN, DEARER = 1.5, 2.2
+TORN, DEARER = 1.5, 2.8
 LATE = 0.25  # of its seconds that an extraction may be foretold to last beyond the end
-# After the last step, for each triangle; and seconds that this step, without which the mesh is ten
-# times farther off, may last beyond the end.
-AFTER, GRACE = 4.0, 2.0
+# Searches for each triangle after the last step; and seconds that this step, without which the mesh
+# is ten times farther off, may last beyond the end.
+AFTER, GRACE = 10.0, 2.0
 
 Evaluate = Callable[[NDArray[np.float64]], NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
+class Pace:
+    """Seconds that an evaluation of θ takes, and a search in a tree, on the caller's threads."""
+
+    evaluation: float
+    search: float
+
+    def of(self, what: str, count: float) -> float:
+        """Seconds for so many cells or faces."""
+        each = EVALUATIONS[what] * self.evaluation + SEARCHES[what] * self.search
+        return each * count
+
+
+@dataclass(frozen=True)
 class Forecast:
     """What the samples tell of a mesh with `footprint`: its `area`, and its `shadows` (3,) along
-    the axes, normalised. pace: seconds that an evaluation of θ takes."""
+    the axes, normalised; and the machine's `pace`."""
 
     options: SurfaceOptions
     footprint: Footprint
     area: float
     shadows: NDArray[np.float64]
-    pace: float
+    pace: Pace
 
     @property
     def fineness(self) -> Fineness:
@@ -66,7 +84,7 @@ class Forecast:
             most = most_faces(self.options)
             faces = min(faces, faces_for(self.area * more, self.footprint.spacing, most))
         dearer = DEARER if more > TORN else 1.0
-        return FIXED + dearer * self.pace * (PER_CELL * cells + PER_FACE * faces)
+        return FIXED + dearer * (self.pace.of("cell", cells) + self.pace.of("face", faces))
 
 
 @dataclass(frozen=True)
@@ -82,18 +100,32 @@ class Until:
         seconds = self.forecast.seconds(fineness, cells)
         return self.clock() + (1 - LATE) * seconds <= self.end
 
+    def after(self, share: float) -> float:
+        """When a share of the time left will have gone."""
+        now = self.clock()
+        return now + share * max(self.end - now, 0.0)
+
     def last_step(self, faces: int) -> float:
         """When the last step of a mesh of so many faces must have ended."""
-        return self.end + GRACE - AFTER * self.forecast.pace * faces
+        return self.end + GRACE - AFTER * self.forecast.pace.search * faces
 
 
-def pace_of(evaluate: Evaluate, clock: Clock) -> float:
-    """Seconds that `evaluate` takes for a point."""
+def pace_of(evaluate: Evaluate, clock: Clock, threads: int = -1) -> Pace:
+    """The machine's, on so many threads; `evaluate` is a field's θ."""
     points = np.random.default_rng(0).uniform(-1, 1, (PROBES, 3))
+
+    def search() -> None:
+        nearest(cKDTree(points), points, NEIGHBOURS, threads)
+
+    return Pace(_each(lambda: evaluate(points), clock), _each(search, clock))
+
+
+def _each(work: Callable[[], object], clock: Clock) -> float:
+    """Seconds for one of PROBES."""
     seconds = []
     for _ in range(ROUNDS):
         begin = clock()
-        evaluate(points)
+        work()
         seconds.append(clock() - begin)
     return min(seconds) / PROBES
 

@@ -29,6 +29,7 @@ BYTES_PER_CELL = 850
 # look one level further.
 CROSSED = {2: 0.85, 4: 0.3}
 CROSSED_OF_LARGE = 0.12
+FINEST_CROSSED = 4  # finest cells that a surface crosses for each one of twice the size
 
 __all__ = ["Grid", "Isosurface", "TooManyCells", "extract"]
 
@@ -88,13 +89,14 @@ def extract(
         heed()
         if cancel is not None and cancel():
             raise Cancelled("the extraction was cancelled")
-        # Each halving of the cells multiplies those near a surface by four.
-        crossed = count * size**2 * CROSSED.get(size, CROSSED_OF_LARGE)
-        _check_memory(crossed, grid, memory_limit)
+        _check_memory(count, size, grid, memory_limit)
+
+    def meet(count: int) -> None:
+        crossed = FINEST_CROSSED * count
         if fits is not None and not fits(crossed):
             raise TooManyCells(crossed)
 
-    lattice, cells = refined(grid, evaluate, near, check)
+    lattice, cells = refined(grid, evaluate, near, check, meet)
     found = triangulated(lattice, cells)
     if not found.crossed:
         raise NoSurface(
@@ -104,8 +106,9 @@ def extract(
     return Isosurface(found.vertices, found.faces, grid, lattice.evaluations, found.crossed)
 
 
-def _check_memory(crossed: float, grid: Grid, limit: int) -> None:
-    needed = crossed * BYTES_PER_CELL
+def _check_memory(count: int, size: int, grid: Grid, limit: int) -> None:
+    # Each halving of the cells multiplies those near a surface by four.
+    needed = count * size**2 * CROSSED.get(size, CROSSED_OF_LARGE) * BYTES_PER_CELL
     if needed > limit:
         longest = int((grid.shape // grid.finer).max())
         fits = int(longest * (limit / needed) ** 0.5)

@@ -20,16 +20,19 @@ from mpf_core.surface.lattice import SPAN, Cells, Evaluate, Flat, Grid, Lattice,
 
 Near = Callable[[Cells, int], NDArray[np.bool_]]
 Check = Callable[[int, int], None]
+Meet = Callable[[int], None]
 
 _MIDDLES = np.setdiff1d(np.arange(27), bounds.CORNERS_OF_27)
 
 
-def refined(grid: Grid, evaluate: Evaluate, near: Near, check: Check) -> tuple[Lattice, Cells]:
+def refined(
+    grid: Grid, evaluate: Evaluate, near: Near, check: Check, meet: Meet
+) -> tuple[Lattice, Cells]:
     """The lattice and the cells (m, 3) of size 2 that may hold the surface.
 
     near(cells, size) tells which cells samples lie in or beside: they are split whatever θ says,
     while they are as large as a brick. check(count, size) is called with the cells of each level
-    after the first.
+    after the first, meet(count) with those of size 2 that have both signs at their corners.
     """
     size = 2**grid.levels
     ranges = [np.arange(0, n, max(size, 2)) for n in grid.shape]
@@ -47,6 +50,7 @@ def refined(grid: Grid, evaluate: Evaluate, near: Near, check: Check) -> tuple[L
             lattice = lattice.finer(_parents(cells, size), 2 * size)
         lattice.learn(cells, (0, size))
         seen = _seen(lattice, cells, size)
+    meet(_crossed(lattice, cells))
     lattice, cells = _last(lattice, cells, seen)
     return lattice, completed(lattice, cells)
 
@@ -90,6 +94,16 @@ def _seen(lattice: Lattice, cells: Cells, size: int) -> bounds.Seen:
     error = np.concatenate([one.error for one in seen])
     slope = np.concatenate([one.slope for one in seen])
     return bounds.Seen(error, slope)[np.cumsum(first) - 1]
+
+
+def _crossed(lattice: Lattice, cells: Cells) -> int:
+    """How many of the cells of size 2 have both signs at their corners."""
+
+    def crossed(rows: slice) -> int:
+        negative = lattice.corners(cells[rows], 2) < 0
+        return int((negative.any(0) & ~negative.all(0)).sum())
+
+    return sum(mapped(crossed, blocks(len(cells))))
 
 
 def _last(lattice: Lattice, cells: Cells, seen: bounds.Seen) -> tuple[Lattice, Cells]:

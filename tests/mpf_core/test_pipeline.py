@@ -21,7 +21,7 @@ from mpf_core.fit.sampler import warm_pools
 from mpf_core.options import Options
 from mpf_core.progress import Progress
 from mpf_core.surface.edit import edited
-from mpf_core.surface.forecast import Forecast, area_of, shadows_of
+from mpf_core.surface.forecast import Forecast, Pace, area_of, shadows_of
 from mpf_core.watch import Watch
 from tests.mpf_core.clouds import Array, plane, sphere
 
@@ -246,7 +246,7 @@ def test_what_is_kept_for_the_mesh_leaves_the_fit_its_share() -> None:
     near = analyse(sphere(300))
     footprint = Footprint.of(near.points, spacing=0.1, reach=0.1, thickness=None)
     area, shadows = area_of(near, 0.0), shadows_of(near, 0.0)
-    long = Forecast(options.surface, footprint, area, shadows, pace=1.0)
+    long = Forecast(options.surface, footprint, area, shadows, Pace(1.0, 1.0))
     for kept in (36.0, 6.0, 0.0, 0.0):
         assert pipeline._deadline(60.0, long, watch) == pytest.approx(60.0 - kept)
 

@@ -40,8 +40,8 @@ def test_few_faces_are_always_kept() -> None:
 
 def test_a_draft_has_time_for_fewer_faces_and_a_scene_gets_more() -> None:
     draft, balanced = (PRESETS[name].surface for name in ("draft", "balanced"))
-    assert most_faces(draft) == most_faces(balanced) / 2 == 250_000
-    assert most_faces(draft, networks=3) == 750_000
+    assert most_faces(draft) == 150_000 < most_faces(balanced)
+    assert most_faces(draft, networks=3) == 450_000
     assert most_faces(balanced, networks=100) == 2_000_000
     _, faces = coarsened(VERTICES, FACES, 0.001, 40_000)
     assert len(faces) == 40_000

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from mpf_core.cloud.neighbors import analyse
 from mpf_core.field.footprint import Footprint
 from mpf_core.options import options_from
 from mpf_core.surface import forecast
-from mpf_core.surface.forecast import Forecast, Until
+from mpf_core.surface.forecast import Forecast, Pace, Until
 from mpf_core.surface.isosurface import Grid, extract
 from tests.mpf_core.clouds import plane, sphere
 
@@ -39,7 +40,8 @@ def footprint(points: NDArray[np.float64], thickness: float | None = None) -> Fo
 def foretold(points: NDArray[np.float64], pace: float = 1e-5, **changes: Any) -> Forecast:
     near = analyse(points)
     area, shadows = forecast.area_of(near, 0.0), forecast.shadows_of(near, 0.0)
-    return Forecast(options_from(changes).surface, footprint(points), area, shadows, pace)
+    paces = Pace(pace, pace / 2)
+    return Forecast(options_from(changes).surface, footprint(points), area, shadows, paces)
 
 
 def told(points: NDArray[np.float64], pace: float = 1e-5, **changes: Any) -> float:
@@ -85,7 +87,9 @@ def test_time_grows_with_the_pace_and_with_the_square_of_the_resolution() -> Non
 
 def test_the_pace_is_the_best_of_what_is_seen() -> None:
     clock = Ticking(3e-6)
-    assert forecast.pace_of(clock.evaluate, clock) == pytest.approx(3e-6)
+    found = forecast.pace_of(clock.evaluate, clock, 1)
+    assert found.evaluation == pytest.approx(3e-6)
+    assert 0 < forecast.pace_of(clock.evaluate, time.perf_counter, 1).search < 1e-3
 
 
 def test_a_torn_surface_is_foretold_to_last_longer_than_its_cells() -> None:
@@ -102,5 +106,5 @@ def test_what_does_not_fit_into_the_time_left_is_told() -> None:
     soon, late = (Until(found, lambda: 0.0, share * needed) for share in (0.8, 0.7))
     assert soon.fits(found.fineness, cells) and not late.fits(found.fineness, cells)
     assert not soon.fits(found.fineness, 2 * cells)
-    after = forecast.AFTER * found.pace * 1000
+    after = forecast.AFTER * found.pace.search * 1000
     assert late.last_step(1000) == pytest.approx(0.7 * needed + forecast.GRACE - after)

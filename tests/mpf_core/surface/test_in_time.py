@@ -17,7 +17,7 @@ from mpf_core.quality.topology import topology
 from mpf_core.surface import forecast
 from mpf_core.surface.extraction import extract_mesh
 from mpf_core.surface.fidelity import onto_data
-from mpf_core.surface.forecast import Forecast, Until
+from mpf_core.surface.forecast import Forecast, Pace, Until
 from mpf_core.surface.lattice import Evaluate
 from tests.mpf_core.clouds import sphere
 from tests.mpf_core.surface.shells import start_of
@@ -51,7 +51,7 @@ def until(fitted: FittedField, share: float) -> Until:
     """The end after a share of what the extraction is foretold to take."""
     near = analyse(POINTS)
     area, shadows = forecast.area_of(near, 0.0), forecast.shadows_of(near, 0.0)
-    told = Forecast(OPTIONS, fitted.footprint, area, shadows, 1e-5)
+    told = Forecast(OPTIONS, fitted.footprint, area, shadows, Pace(1e-5, 5e-6))
     return Until(told, lambda: 0.0, share * told.seconds(told.fineness))
 
 
@@ -64,7 +64,7 @@ def test_in_time_the_grid_is_as_fine_as_without_an_end() -> None:
 
 def test_a_torn_surface_is_taken_on_a_coarser_grid_and_the_report_says_so() -> None:
     fitted = field(torn=True)
-    end = until(fitted, 7.0)
+    end = until(fitted, 4.0)
     wanted = end.forecast.fineness.cells
     found = extract_mesh(fitted, OPTIONS, until=end)
     cells = found.report["resolution"]
