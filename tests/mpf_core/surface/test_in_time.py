@@ -64,7 +64,7 @@ def test_in_time_the_grid_is_as_fine_as_without_an_end() -> None:
 
 def test_a_torn_surface_is_taken_on_a_coarser_grid_and_the_report_says_so() -> None:
     fitted = field(torn=True)
-    end = until(fitted, 4.0)
+    end = until(fitted, 2.0)
     wanted = end.forecast.fineness.cells
     found = extract_mesh(fitted, OPTIONS, until=end)
     cells = found.report["resolution"]
