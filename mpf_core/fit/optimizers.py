@@ -86,28 +86,29 @@ class Adam:
     EPSILON = 1e-8
 
     def __init__(self, parameters: list[nn.Parameter], betas: tuple[float, float]):
-        self.parameters, self.betas, self.steps = parameters, betas, 0
+        self.parameters, self.betas = parameters, betas
+        self.steps = [0] * len(parameters)  # of each: one may join later, as β does
         self.first = [torch.zeros_like(p) for p in parameters]
         self.second = [torch.zeros_like(p) for p in parameters]
 
     @torch.no_grad()
     def step(self, rates: list[float]) -> None:
-        """One step, each parameter at its own of `rates`."""
-        self.steps += 1
+        """One step of all that have a gradient, each at its own of `rates`."""
         keep, keep_square = self.betas
-        bias, bias_square = (1 - beta**self.steps for beta in self.betas)
         state = zip(self.parameters, self.first, self.second, rates, strict=True)
-        for parameter, first, second, rate in state:
+        for k, (parameter, first, second, rate) in enumerate(state):
             gradient = parameter.grad
             if gradient is None:
                 continue
+            self.steps[k] += 1
+            bias, bias_square = (1 - beta ** self.steps[k] for beta in self.betas)
             first.lerp_(gradient, 1 - keep)
             second.mul_(keep_square).addcmul_(gradient, gradient, value=1 - keep_square)
             root = (second / bias_square).sqrt_().add_(self.EPSILON)
             parameter.addcdiv_(first, root, value=-rate / bias)
 
     def state(self) -> dict[str, Tensor]:
-        """Means and the number of steps, copied."""
+        """Means and numbers of steps, copied."""
         tensors = {"steps": torch.tensor(self.steps)}
         for k, (first, second) in enumerate(zip(self.first, self.second, strict=True)):
             tensors |= {f"{k}.first": first.clone(), f"{k}.second": second.clone()}
@@ -115,7 +116,7 @@ class Adam:
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
         """The inverse of `state`."""
-        self.steps = int(tensors["steps"])
+        self.steps = [int(count) for count in tensors["steps"]]
         for k, (first, second) in enumerate(zip(self.first, self.second, strict=True)):
             first.copy_(tensors[f"{k}.first"])
             second.copy_(tensors[f"{k}.second"])

@@ -110,15 +110,18 @@ def test_every_parameter_is_moved_once(kind: str) -> None:
 
 
 def test_adam_takes_the_steps_of_torch() -> None:
-    ours, theirs = (torch.nn.Parameter(random(7, 5)) for _ in range(2))
-    adam = Adam([ours], (0.9, 0.99))
-    other = torch.optim.Adam([theirs], betas=(0.9, 0.99))
-    for seed, rate in enumerate((1e-2, 3e-3, 1e-3)):
-        ours.grad = theirs.grad = random(7, 5, seed=seed + 1)
-        adam.step([rate])
+    """Also of a parameter that has no gradient at first."""
+    ours, theirs = ([nn.Parameter(random(7, 5)) for _ in range(2)] for _ in range(2))
+    adam = Adam(ours, (0.9, 0.99))
+    other = torch.optim.Adam(theirs, betas=(0.9, 0.99))
+    for seed, rate in enumerate((1e-2, 3e-3, 1e-3, 2e-3)):
+        for k in range(2) if seed > 1 else range(1):
+            ours[k].grad = theirs[k].grad = random(7, 5, seed=10 * seed + k + 1)
+        adam.step([rate, rate])
         other.param_groups[0]["lr"] = rate
         other.step()
-        assert torch.allclose(ours, theirs, rtol=0, atol=1e-8)
+        for one, twin in zip(ours, theirs, strict=True):
+            assert torch.allclose(one, twin, rtol=0, atol=1e-8)
 
 
 def test_no_compiler_is_loaded_for_a_step() -> None:
