@@ -36,8 +36,8 @@ __all__ = ["Grid", "Isosurface", "TooManyCells", "extract"]
 Fits = Callable[[float], bool]
 
 
-class TooManyCells(ResolutionTooHigh):
-    """The surface crosses more cells than there is time for."""
+class TooManyCells(Exception):
+    """The surface crosses more `cells` than `fits`; whoever asked takes a coarser grid."""
 
     def __init__(self, cells: float):
         super().__init__(f"the surface crosses some {cells:.0f} cells")
