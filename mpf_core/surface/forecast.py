@@ -36,7 +36,7 @@ TORN, DEARER = 1.5, 1.3
 LATE = 0.25  # of its seconds that an extraction may be foretold to last beyond the end
 # Searches for each triangle after the last step; and seconds that this step, without which the mesh
 # is ten times farther off, may last beyond the end.
-AFTER, GRACE = 10.0, 2.0
+AFTER, GRACE = 5.0, 3.0
 
 Evaluate = Callable[[NDArray[np.float64]], NDArray[np.float32]]
 
