@@ -95,29 +95,25 @@ class Siren(nn.Module):
         """
         parameters = self._parameters_of_sweeps()
         bars, tallied = descend(parameters, self.precision, asked, tally)
-        for single, bar in zip(self._unstacked(), _apart(bars), strict=True):
+        heads = (bar for stacked in bars[4:] for bar in stacked)
+        singles = (*self._shared(), *(one for pair in self._heads() for one in pair))
+        for single, bar in zip(singles, (*bars[:4], *heads), strict=True):
             single.grad = bar.clone() if single.grad is None else single.grad + bar
         return tallied
 
-    def _unstacked(self) -> tuple[nn.Parameter, ...]:
-        """The parameters in the order in which `_parameters_of_sweeps` stacks them."""
-        return (
-            self.input_weight, self.input_bias, self.shared_weight, self.shared_bias,
-            self.metric_weight, self.phase_weight, self.metric_bias, self.phase_bias,
-            self.metric_output, self.phase_output, self.metric_offset, self.phase_offset,
-        )  # fmt: skip
-
     def _parameters_of_sweeps(self) -> tuple[Tensor, ...]:
         """(W₁, b₁, W₂, b₂, V, b₃, v, offsets), the heads stacked, metric first."""
+        return (*self._shared(), *(torch.stack(pair) for pair in self._heads()))
+
+    def _shared(self) -> tuple[nn.Parameter, ...]:
+        return self.input_weight, self.input_bias, self.shared_weight, self.shared_bias
+
+    def _heads(self) -> tuple[tuple[nn.Parameter, nn.Parameter], ...]:
         return (
-            self.input_weight,
-            self.input_bias,
-            self.shared_weight,
-            self.shared_bias,
-            torch.stack([self.metric_weight, self.phase_weight]),
-            torch.stack([self.metric_bias, self.phase_bias]),
-            torch.stack([self.metric_output, self.phase_output]),
-            torch.stack([self.metric_offset, self.phase_offset]),
+            (self.metric_weight, self.phase_weight),
+            (self.metric_bias, self.phase_bias),
+            (self.metric_output, self.phase_output),
+            (self.metric_offset, self.phase_offset),
         )
 
     def phase_value(self, x: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
@@ -160,8 +156,3 @@ class Siren(nn.Module):
         value = z3.sin() @ self.phase_output + self.phase_offset
         back = (self.phase_output * z3.cos()) @ self.phase_weight * z2.cos()
         return Jet(value, (back @ self.shared_weight * z1.cos()) @ self.input_weight)
-
-
-def _apart(bars: Sequence[Tensor]) -> list[Tensor]:
-    """Derivatives with respect to each parameter from those to the stacked ones."""
-    return [*bars[:4], *(bar for stacked in bars[4:] for bar in stacked)]

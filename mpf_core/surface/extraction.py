@@ -126,7 +126,7 @@ def _zero_level(
                 surface = replace(surface, evaluations=evaluations, ended_at_sides=True)
         except TooManyCells as error:
             assert until is not None
-            cells = _in_time(fineness, error.cells, until).cells
+            cells = _in_time(fineness, error.cells, until)
             why = f"{cells} cells instead of {wanted}, for which there was no time left"
             fineness = replace(fineness, cells=cells, reason=why)
         except ResolutionTooHigh:
@@ -138,11 +138,11 @@ def _zero_level(
             return surface, fineness
 
 
-def _in_time(fineness: Fineness, cells: float, until: Until) -> Fineness:
-    """The finest grid for which there is time, of a surface that crosses so many cells of this."""
-    coarser = fineness
-    while not until.fits(coarser, cells) and coarser.cells > LOWEST:
-        fewer = max(coarser.cells * 3 // 4, LOWEST)
-        cells *= (fewer / coarser.cells) ** 2
-        coarser = replace(coarser, cells=fewer)
-    return coarser
+def _in_time(fineness: Fineness, crossed: float, until: Until) -> int:
+    """Cells of the finest grid for which there is time, of a surface that crosses so many of
+    this one's."""
+    while not until.fits(fineness, crossed) and fineness.cells > LOWEST:
+        fewer = max(fineness.cells * 3 // 4, LOWEST)
+        crossed *= (fewer / fineness.cells) ** 2
+        fineness = replace(fineness, cells=fewer)
+    return fineness.cells

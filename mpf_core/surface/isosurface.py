@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,11 +92,7 @@ def extract(
             raise Cancelled("the extraction was cancelled")
         _check_memory(count, size, grid, memory_limit)
 
-    def meet(count: int) -> None:
-        crossed = FINEST_CROSSED * count
-        if fits is not None and not fits(crossed):
-            raise TooManyCells(crossed)
-
+    meet = None if fits is None else partial(_check_time, fits)
     lattice, cells = refined(grid, evaluate, near, check, meet)
     found = triangulated(lattice, cells)
     if not found.crossed:
@@ -117,3 +114,9 @@ def _check_memory(count: int, size: int, grid: Grid, limit: int) -> None:
             where="resolution",
             advice=f"The largest that fits is about {fits}.",
         )
+
+
+def _check_time(fits: Fits, count: int) -> None:
+    crossed = FINEST_CROSSED * count
+    if not fits(crossed):
+        raise TooManyCells(crossed)

@@ -26,13 +26,14 @@ _MIDDLES = np.setdiff1d(np.arange(27), bounds.CORNERS_OF_27)
 
 
 def refined(
-    grid: Grid, evaluate: Evaluate, near: Near, check: Check, meet: Meet
+    grid: Grid, evaluate: Evaluate, near: Near, check: Check, meet: Meet | None = None
 ) -> tuple[Lattice, Cells]:
     """The lattice and the cells (m, 3) of size 2 that may hold the surface.
 
     near(cells, size) tells which cells samples lie in or beside: they are split whatever θ says,
     while they are as large as a brick. check(count, size) is called with the cells of each level
-    after the first, meet(count) with those of size 2 that have both signs at their corners.
+    after the first, meet(count), if given, with those of size 2 that have both signs at their
+    corners.
     """
     size = 2**grid.levels
     ranges = [np.arange(0, n, max(size, 2)) for n in grid.shape]
@@ -50,7 +51,8 @@ def refined(
             lattice = lattice.finer(_parents(cells, size), 2 * size)
         lattice.learn(cells, (0, size))
         seen = _seen(lattice, cells, size)
-    meet(_crossed(lattice, cells))
+    if meet is not None:
+        meet(_crossed(lattice, cells))
     lattice, cells = _last(lattice, cells, seen)
     return lattice, completed(lattice, cells)
 
