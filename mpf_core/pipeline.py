@@ -28,11 +28,11 @@ from mpf_core.cloud.neighbors import Neighborhoods, median_spacing
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.cloud.prepare import PrepareOptions, prepare
+from mpf_core.compiled import prepare_loops
 from mpf_core.field import MetricPhaseField
 from mpf_core.field.fitted import FittedField, theta_of
 from mpf_core.field.footprint import Footprint
 from mpf_core.field.precision import products_in
-from mpf_core.fit.compiled import prepare as prepare_loops
 from mpf_core.fit.control import FitLog
 from mpf_core.fit.initialize import Initialization
 from mpf_core.fit.sampler import paper_pools, pool_size, warm_pools

@@ -47,12 +47,12 @@ def main() -> None:
     die_with_parent(int(os.environ["MPF_PARENT_PID"]))
     yield_to_others(NICENESS)
     try:
+        from mpf_core.compiled import prepare_loops
         from mpf_core.field.pointwise import why_plain
         from mpf_core.field.precision import products_in
-        from mpf_core.fit.compiled import prepare
     except ImportError:  # an installation without the extra `fit`, which jobs will tell
         return
-    if prepare(products_in("auto")).NAME == "plain":
+    if prepare_loops(products_in("auto")).NAME == "plain":
         log.warning("fits take longer, as loops cannot be compiled: %s", why_plain())
 
 

@@ -18,6 +18,7 @@ from mpf_core.field import kernels
 NAME = "fused"
 
 _NOT_ARRAYS = {"0": types.none, "i": types.int64}
+_ENTRIES = {"K": types.float32, "F": types.float32, "D": types.float64, "I": types.int64}
 
 # Types of the arguments: K kept, F float32, with the number of dimensions; 0 left out.
 FORMS: dict[str, tuple[str, ...]] = {
@@ -54,13 +55,14 @@ def compilations(kept: torch.dtype | None) -> Iterator[Callable[[], None]]:
 
 
 def compilation(kernel: Any, form: str, kept: torch.dtype | None) -> Callable[[], None]:
-    """What compiles a loop for arguments of that form (see FORMS; D float64, i an integer)."""
+    """What compiles a loop for arguments of that form (see FORMS; D float64, I int64,
+    i an integer)."""
 
     def of(code: str) -> Any:
         if code in _NOT_ARRAYS:
             return _NOT_ARRAYS[code]
         narrow = code[0] == "K" and kept is torch.bfloat16
-        entry = types.uint16 if narrow else types.float64 if code[0] == "D" else types.float32
+        entry = types.uint16 if narrow else _ENTRIES[code[0]]
         return types.Array(entry, int(code[1]), "C")
 
     types_of = tuple(of(code) for code in form.split())

@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from types import ModuleType
 
 import torch
@@ -26,6 +27,7 @@ class Choice:
         self._lock = threading.RLock()
         self._of_fits: dict[torch.dtype, ModuleType] = {torch.float64: plain}
         self._of_theta: ModuleType | None = None
+        self._others: dict[str, ModuleType] = {}
 
     def functions(self, kept: torch.dtype, cancel: CancelCheck | None) -> ModuleType:
         found = self._of_fits.get(kept)
@@ -35,11 +37,24 @@ class Choice:
                 self._of_fits[kept] = found
         return found
 
-    def give_up(self, reason: str) -> None:
-        """Compile nothing from now on, and use nothing that is compiled."""
+    def others(self, name: str, cancel: CancelCheck | None) -> ModuleType | None:
         with self._lock:
-            self.reason, self._of_theta = reason, plain
-            self._of_fits = dict.fromkeys(self._of_fits, plain)
+            if self.reason is None and name not in self._others:
+                try:
+                    module = import_module(name)
+                    compile_all(module.compilations(), cancel)
+                    self._others[name] = module
+                except Cancelled:
+                    raise
+                except Exception as error:  # likewise
+                    self._give_up(error)
+            return self._others.get(name)
+
+    def _give_up(self, error: Exception) -> None:
+        """Compile nothing from now on, and use nothing that is compiled."""
+        self.reason, self._of_theta = told(error), plain
+        self._of_fits = dict.fromkeys(self._of_fits, plain)
+        self._others.clear()
 
     def functions_of_theta(self, cancel: CancelCheck | None) -> ModuleType:
         if self._of_theta is None:
@@ -91,9 +106,10 @@ def functions_of_theta(cancel: CancelCheck | None = None) -> ModuleType:
     return _chosen[-1].functions_of_theta(cancel)
 
 
-def give_up(error: Exception) -> None:
-    """All is `plain` from now on, because something else that a fit needs cannot be compiled."""
-    _chosen[-1].give_up(told(error))
+def loops(name: str, cancel: CancelCheck | None = None) -> ModuleType | None:
+    """The module of that name, once its `compilations()` are done; None, and all is `plain` from
+    then on, where they fail. Raises Cancelled likewise."""
+    return _chosen[-1].others(name, cancel)
 
 
 def why_plain() -> str | None:

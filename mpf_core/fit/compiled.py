@@ -1,4 +1,4 @@
-"""All loops that a fit and its extraction call, compiled before anything is timed."""
+"""All loops that a fit calls, compiled before anything is timed."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from types import ModuleType
 
 import torch
 
-from mpf_core.errors import Cancelled
 from mpf_core.field import plain
-from mpf_core.field.pointwise import compile_all, functions, functions_of_theta, give_up
+from mpf_core.field.pointwise import functions, functions_of_theta, loops
 from mpf_core.progress import CancelCheck
+
+TERMS = "mpf_core.fit.adjoints"  # by name: it loads the compiler, which may not be there
 
 
 def prepare(kept: torch.dtype, cancel: CancelCheck | None = None) -> ModuleType:
@@ -19,14 +20,4 @@ def prepare(kept: torch.dtype, cancel: CancelCheck | None = None) -> ModuleType:
     """
     functions_of_theta(cancel)
     found = functions(kept, cancel)
-    if found is not plain:
-        from mpf_core.fit import adjoints  # loads the compiler, which may not be there
-
-        try:
-            compile_all(adjoints.compilations(), cancel)
-        except Cancelled:
-            raise
-        except Exception as error:  # a fit can do without, as `pointwise` has it
-            give_up(error)
-            return plain
-    return found
+    return found if found is plain or loops(TERMS, cancel) is not None else plain

@@ -28,11 +28,11 @@ def leaves(surface: Isosurface) -> bool:
     return bool((np.minimum(low, high) < BESIDE * grid.steps).any())
 
 
-def kept_within(level: Evaluate, grid: Grid) -> Evaluate | None:
+def kept_within(level: Evaluate, grid: Grid, negative: float) -> Evaluate | None:
     """`level` with all that is beyond the grid's sides outside, half a cell early; None where the
-    two signs share the sides in such a way that outside cannot be told."""
+    two signs share the sides, `negative` being one's share, in such a way that outside cannot be
+    told."""
     low, high = grid.origin, grid.points(grid.shape)
-    negative = _negative(level, low, high)
     if ACCIDENT < negative < 1 - ACCIDENT:
         return None
     sign = 1 if negative < 0.5 else -1
@@ -44,8 +44,9 @@ def kept_within(level: Evaluate, grid: Grid) -> Evaluate | None:
     return within
 
 
-def _negative(level: Evaluate, low: Array, high: Array) -> float:
-    """The share of a box's sides, by area, where `level` is negative."""
+def negative_share(level: Evaluate, grid: Grid) -> float:
+    """The share of the grid's sides, by area, where `level` is negative."""
+    low, high = grid.origin, grid.points(grid.shape)
     axis = (np.arange(PROBES) + 0.5) / PROBES
     across = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
     area = np.prod(high - low) / (high - low)  # of the sides across each axis

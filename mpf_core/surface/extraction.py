@@ -16,11 +16,12 @@ from mpf_core.field.fitted import Fitted
 from mpf_core.heeding import Late, no_later
 from mpf_core.options import SurfaceOptions
 from mpf_core.surface.bounds import BOUND
-from mpf_core.surface.boxed import kept_within, leaves
+from mpf_core.surface.boxed import kept_within, leaves, negative_share
 from mpf_core.surface.coarsen import coarsened, most_faces
 from mpf_core.surface.finish import FLOATER_SPACINGS, finish, without_floaters
 from mpf_core.surface.forecast import Until
-from mpf_core.surface.isosurface import Grid, Isosurface, TooManyCells, extract
+from mpf_core.surface.isosurface import Fits, Grid, Isosurface, TooManyCells, extract
+from mpf_core.surface.lattice import Evaluate
 from mpf_core.surface.mesh import Mesh
 from mpf_core.surface.perforations import without_perforations
 from mpf_core.surface.resolution import LOWEST, Fineness, choose_resolution
@@ -105,6 +106,23 @@ def _closed(
     return replace(surface, vertices=vertices, faces=faces), closed
 
 
+def _in_grid(
+    level: Evaluate, grid: Grid, samples: cKDTree, reach: float, fits: Fits | None
+) -> Isosurface:
+    """The zero level, closed at the grid's sides where it leaves the grid and outside is told."""
+    share = negative_share(level, grid)
+    # Where the sides' probes tell of it, there is no need to extract it first as it is.
+    within = kept_within(level, grid, share) if 0 < share < 1 else None
+    surface = extract(within or level, grid, samples, reach=reach, fits=fits)
+    spent = surface.evaluations
+    if within is None and leaves(surface):
+        within = kept_within(level, grid, share)
+        if within is not None:
+            surface = extract(within, grid, samples, reach=reach)
+            spent += surface.evaluations
+    return replace(surface, evaluations=spent, ended_at_sides=within is not None)
+
+
 def _zero_level(
     fitted: Fitted, fineness: Fineness, asked: bool, until: Until | None
 ) -> tuple[Isosurface, Fineness]:
@@ -117,13 +135,7 @@ def _zero_level(
         if until is not None and not asked and fineness.cells > LOWEST:
             fits = partial(until.fits, fineness)
         try:
-            surface = extract(fitted.level(), grid, footprint.tree, reach=reach, fits=fits)
-            within = kept_within(fitted.level(), grid) if leaves(surface) else None
-            if within is not None:
-                before = surface.evaluations
-                surface = extract(within, grid, footprint.tree, reach=reach)
-                evaluations = before + surface.evaluations
-                surface = replace(surface, evaluations=evaluations, ended_at_sides=True)
+            surface = _in_grid(fitted.level(), grid, footprint.tree, reach, fits)
         except TooManyCells as error:
             assert until is not None
             cells = _in_time(fineness, error.cells, until)

@@ -26,7 +26,7 @@ from mpf_core.surface.resolution import Fineness, choose_resolution
 # Evaluations and searches for each crossed cell (to find it, to merge its triangles) and for each
 # triangle that is left (the last step, normals, crossings, report, writing).
 EVALUATIONS = {"cell": 4.0, "face": 1.5}
-SEARCHES = {"cell": 10.6, "face": 31.0}
+SEARCHES = {"cell": 10.6, "face": 21.0}
 FIXED = 1.5  # seconds
 PROBES, ROUNDS = 16_384, 3  # at which a pace is measured, and how often; the best counts
 NEIGHBOURS = 8  # that a search is for, among the probes

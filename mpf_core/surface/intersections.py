@@ -1,29 +1,36 @@
 """Pairs of triangles of one mesh that pass through each other.
 
 Candidates come from a binary tree of boxes over the triangles in Morton order, walked against
-itself level by level; each is then decided by segment–triangle tests. Counted are proper
-crossings: touching, coplanar overlap and folding about a shared edge are not.
+itself; each is then decided by segment–triangle tests. Counted are proper crossings: touching,
+coplanar overlap and folding about a shared edge are not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mpf_core.field.pointwise import loops
 from mpf_core.heeding import heed
 from mpf_core.parallel import mapped
+from mpf_core.progress import CancelCheck
 from mpf_core.surface.mesh import Mesh
+from mpf_core.surface.normals import face_crosses
 
 # A vertex nearer to a triangle's plane than this share of the triangle's size is on the plane.
 ON_PLANE = 1e-9
+# The compiled walk leaves out what is on one side of a plane for certain: sums are rounded
+# otherwise there, and what is decided must not depend on a compiler.
+CERTAIN = 0.5
 PAIRS_AT_ONCE = 100_000
 PARTS = 64  # of the walk, taken by whichever thread is free
+COMPILED = "mpf_core.surface.meeting"  # by name: it loads the compiler
 
 Pairs = NDArray[np.int64]
-Part = tuple[int, Pairs]  # pairs of boxes at a depth of the tree
 Corners = NDArray[np.float64]
 
 
@@ -32,57 +39,106 @@ def self_intersections(mesh: Mesh) -> Pairs:
     if len(mesh.faces) < 2:
         return np.zeros((0, 2), np.int64)
     # Relative to the middle, so that nearly parallel planes far from the origin stay apart.
-    corners = mesh.vertices[mesh.faces]
-    corners = corners - corners.reshape(-1, 3).mean(axis=0)
-    planes, boxes = _Planes.of(corners), Boxes.of(corners)
+    vertices = mesh.vertices - mesh.vertices[mesh.faces].reshape(-1, 3).mean(axis=0)
+    triangles, tree = _Triangles.of(Mesh(vertices, mesh.faces)), Boxes.of(vertices[mesh.faces])
+    meeting = compiled_walk()
 
-    def crossing(part: Part) -> Pairs:
-        found = [_crossing(corners, planes, mesh.faces, pairs) for pairs in boxes.meeting(part)]
+    def crossing(part: Pairs) -> Pairs:
+        candidates = (
+            tree.meeting(part) if meeting is None else _candidates(meeting, triangles, tree, part)
+        )
+        found = [_crossing(triangles, pairs) for pairs in candidates if len(pairs)]
         return np.concatenate([*found, np.zeros((0, 2), np.int64)])
 
-    return np.concatenate(mapped(crossing, boxes.parts()))
+    return np.concatenate(mapped(crossing, tree.parts()))
+
+
+def compiled_walk(cancel: CancelCheck | None = None) -> ModuleType | None:
+    """The compiled walk, None where there is no compiler; raises Cancelled as `loops`."""
+    return loops(COMPILED, cancel)
+
+
+def _candidates(
+    meeting: ModuleType, triangles: _Triangles, tree: Boxes, part: Pairs
+) -> Iterator[Pairs]:
+    """The pairs below `part` that may cross, at once."""
+    slack, most = CERTAIN * triangles.tolerance, 64 + len(triangles.faces) // PARTS
+    while True:
+        waiting = np.concatenate([part, np.empty((3 * tree.depth, 2), np.int64)])
+        found = np.empty((most, 2), np.int64)
+        count = meeting.candidates(
+            tree.boxes, tree.order, waiting, len(part), triangles.corners, triangles.faces,
+            triangles.planes, slack, found,
+        )  # fmt: skip
+        if count <= most:
+            yield found[:count]
+            return
+        most = count
 
 
 @dataclass(frozen=True)
 class Boxes:
-    """A tree of boxes over triangles (f, 3, 3), sorted by `order` (f,): its `levels`, as
-    `_box_tree` has them."""
+    """A tree of boxes over triangles, sorted by `order` (f,).
+
+    boxes: (2 s, 6) low and high corners: box k is made of 2 k and 2 k + 1, 1 is the root, and those
+    from s, a power of two, on are the triangles' own, padded by empty ones
+    """
 
     order: NDArray[np.int64]
-    levels: list[tuple[Corners, Corners]]
+    boxes: Corners
 
     @classmethod
     def of(cls, corners: Corners) -> Boxes:
-        order = _morton_order(corners.mean(axis=1))
-        return cls(order, _box_tree(corners[order].min(axis=1), corners[order].max(axis=1)))
+        """Of triangles (f, 3, 3)."""
+        a, b, c = (corners[:, k] for k in range(3))
+        order = _morton_order(a + b + c)
+        size = 1 << max(len(order) - 1, 0).bit_length()
+        boxes = np.full((2 * size, 6), np.inf)
+        boxes[:, 3:] = -np.inf
+        own = boxes[size : size + len(order)]
+        own[:, :3] = np.minimum(np.minimum(a, b), c)[order]
+        own[:, 3:] = np.maximum(np.maximum(a, b), c)[order]
+        while size > 1:
+            left, right = boxes[size : 2 * size : 2], boxes[size + 1 : 2 * size : 2]
+            size //= 2
+            np.minimum(left[:, :3], right[:, :3], out=boxes[size : 2 * size, :3])
+            np.maximum(left[:, 3:], right[:, 3:], out=boxes[size : 2 * size, 3:])
+        return cls(order, boxes)
 
-    def parts(self) -> list[Part]:
+    @property
+    def depth(self) -> int:
+        """How many levels there are."""
+        return len(self.boxes).bit_length() - 1
+
+    def parts(self) -> list[Pairs]:
         """Where to begin, in so many parts that threads are evenly busy; not fewer for fewer."""
-        depth, pairs = 0, np.zeros((1, 2), np.int64)
-        while len(pairs) < PARTS and depth + 1 < len(self.levels):
-            depth, pairs = depth + 1, _children(self._meeting_at(depth, pairs))
-        return [(depth, part) for part in np.array_split(pairs, PARTS) if len(part)]
+        pairs = np.ones((1, 2), np.int64)
+        while 0 < len(pairs) < PARTS and not self._own(pairs):
+            pairs = _children(self._meeting(pairs))
+        return [part for part in np.array_split(pairs, PARTS) if len(part)]
 
-    def meeting(self, part: Part) -> Iterator[Pairs]:
+    def meeting(self, part: Pairs) -> Iterator[Pairs]:
         """Batches of pairs (i < j) of triangles below `part` whose boxes meet."""
         waiting = [part]
         while waiting:
             heed()
-            depth, pairs = waiting.pop()
-            pairs = self._meeting_at(depth, pairs)
-            if depth + 1 == len(self.levels):
-                pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+            pairs = self._meeting(waiting.pop())
+            if self._own(pairs):
+                pairs = pairs[pairs[:, 0] != pairs[:, 1]] - len(self.boxes) // 2
                 yield np.sort(self.order[pairs], axis=1)
                 continue
             batches = range(0, len(pairs), PAIRS_AT_ONCE)
-            waiting.extend((depth + 1, _children(pairs[k : k + PAIRS_AT_ONCE])) for k in batches)
+            waiting.extend(_children(pairs[k : k + PAIRS_AT_ONCE]) for k in batches)
 
-    def _meeting_at(self, depth: int, pairs: Pairs) -> Pairs:
-        low, high = self.levels[depth]
+    def _own(self, pairs: Pairs) -> bool:
+        """Whether these, all of one level, are boxes of single triangles."""
+        return len(pairs) == 0 or int(pairs[0, 0]) >= len(self.boxes) // 2
+
+    def _meeting(self, pairs: Pairs) -> Pairs:
         for axis in range(3):
+            low, high = self.boxes[:, axis], self.boxes[:, 3 + axis]
             a, b = pairs.T
-            meet = (low[axis, a] <= high[axis, b]) & (low[axis, b] <= high[axis, a])
-            pairs = pairs[meet]
+            pairs = pairs[(low[a] <= high[b]) & (low[b] <= high[a])]
         return pairs
 
 
@@ -93,66 +149,59 @@ def _children(pairs: Pairs) -> Pairs:
     return halves[halves[:, 0] <= halves[:, 1]]
 
 
-def _box_tree(low: Corners, high: Corners) -> list[tuple[Corners, Corners]]:
-    """(3, boxes) corners of each level, the root first; box i is made of 2i and 2i + 1 of the next.
-
-    The leaves are padded to a power of two by empty boxes.
-    """
-    size = 1 << max(len(low) - 1, 0).bit_length()
-    padding = ((0, 0), (0, size - len(low)))
-    low = np.pad(low.T, padding, constant_values=np.inf)
-    high = np.pad(high.T, padding, constant_values=-np.inf)
-    levels = [(low, high)]
-    while low.shape[1] > 1:
-        low = np.minimum(low[:, ::2], low[:, 1::2])
-        high = np.maximum(high[:, ::2], high[:, 1::2])
-        levels.append((low, high))
-    return levels[::-1]
-
-
 def _morton_order(points: Corners) -> NDArray[np.int64]:
     """Indices that sort (n, 3) points along a Z-curve of 2¹⁰ cells a side."""
     low = points.min(axis=0)
     extent = float((points.max(axis=0) - low).max()) or 1.0
-    cells = np.minimum((points - low) / extent * 1024, 1023).astype(np.int64)
+    cells = np.minimum((points - low) * (1024 / extent), 1023).astype(np.int64)
     code = np.zeros(len(points), np.int64)
-    for bit in range(10):
-        for axis in range(3):
-            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    for axis in range(3):
+        code |= _spread(cells[:, axis]) << axis
     return np.argsort(code, kind="stable")
 
 
-@dataclass(frozen=True)
-class _Planes:
-    """Of each of f triangles: normal (f, 3), not of unit length, offset and tolerance (f,)."""
+def _spread(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n,) numbers below 2¹⁰ with two zeros after each of their bits."""
+    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
+        values = (values | (values << shift)) & mask
+    return values
 
-    normal: Corners
-    offset: NDArray[np.float64]
+
+@dataclass(frozen=True)
+class _Triangles:
+    """f triangles: `corners` (f, 3, 3), `faces` (f, 3), `planes` (f, 4) their normals, not of unit
+    length, and offsets, and the `tolerance` (f,) of heights over them."""
+
+    corners: Corners
+    faces: NDArray[np.int64]
+    planes: Corners
     tolerance: NDArray[np.float64]
 
     @classmethod
-    def of(cls, corners: Corners) -> _Planes:
-        a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-        normal = np.cross(b - a, c - a)
+    def of(cls, mesh: Mesh) -> _Triangles:
+        corners = mesh.vertices[mesh.faces]
+        a, b, c = (corners[:, k] for k in range(3))
+        normal = face_crosses(mesh)
         size = np.maximum(np.linalg.norm(b - a, axis=1), np.linalg.norm(c - a, axis=1))
         tolerance = ON_PLANE * np.linalg.norm(normal, axis=1) * size
-        return cls(normal, (normal * a).sum(1), tolerance)
+        planes = np.column_stack([normal, np.einsum("fi,fi->f", normal, a)])
+        faces = np.ascontiguousarray(mesh.faces, np.int64)
+        return cls(corners, faces, planes, tolerance)
 
-    def straddled(
-        self, corners: Corners, planes: NDArray[np.int64], others: NDArray[np.int64]
-    ) -> NDArray[np.bool_]:
+    def straddled(self, planes: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether triangles `others` have vertices on both sides of the planes of `planes`."""
-        heights = (corners[others] @ self.normal[planes][:, :, None])[:, :, 0]
-        heights -= self.offset[planes][:, None]
+        heights = (self.corners[others] @ self.planes[planes, :3, None])[:, :, 0]
+        heights -= self.planes[planes, 3:]
         tolerance = self.tolerance[planes]
         return np.asarray((heights.max(1) > tolerance) & (heights.min(1) < -tolerance))
 
 
-def _crossing(corners: Corners, planes: _Planes, faces: NDArray[np.int64], pairs: Pairs) -> Pairs:
+def _crossing(triangles: _Triangles, pairs: Pairs) -> Pairs:
     """Those of `pairs` that cross."""
+    corners, faces = triangles.corners, triangles.faces
     # Nearly all pairs of a smooth surface end here, so this comes first.
-    by_first = planes.straddled(corners, pairs[:, 0], pairs[:, 1])
-    by_second = planes.straddled(corners, pairs[:, 1], pairs[:, 0])
+    by_first = triangles.straddled(pairs[:, 0], pairs[:, 1])
+    by_second = triangles.straddled(pairs[:, 1], pairs[:, 0])
     either = by_first | by_second
     pairs, straddled = pairs[either], (by_first[either], by_second[either])
     shared = _shared_vertices(faces, pairs)

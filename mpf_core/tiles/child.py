@@ -11,13 +11,13 @@ import numpy as np
 import torch
 
 from mpf_core.cloud.neighbors import Neighborhoods
+from mpf_core.compiled import prepare_loops
 from mpf_core.errors import FitError
 from mpf_core.field.artefact import save_field
 from mpf_core.field.fitted import FittedField
 from mpf_core.field.footprint import Footprint
 from mpf_core.field.precision import products_in
 from mpf_core.files import write_atomically
-from mpf_core.fit.compiled import prepare as prepare_loops
 from mpf_core.fit.inherited import inherited
 from mpf_core.fit.initialize import Facing, Initialization
 from mpf_core.fit.sampler import pool_size, warm_pools

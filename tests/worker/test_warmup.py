@@ -50,9 +50,9 @@ def test_a_warm_worker_leaves_nothing_to_compile(tmp_path: Path) -> None:
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "loops").rglob("*.nb*")}
     assert len(kept) > 30
     fit = (
-        "from mpf_core.fit.compiled import prepare; "
+        "from mpf_core.compiled import prepare_loops; "
         "from mpf_core.field.precision import products_in; "
-        "assert prepare(products_in('auto')).NAME == 'fused'"
+        "assert prepare_loops(products_in('auto')).NAME == 'fused'"
     )
     subprocess.run([sys.executable, "-c", fit], env=environment, check=True)
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "loops").rglob("*.nb*")} == kept

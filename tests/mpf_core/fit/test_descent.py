@@ -188,8 +188,13 @@ def test_what_is_off_is_not_drawn(pools: dict[str, Pools]) -> None:
 
 def test_compiling_can_be_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
     compiled: list[None] = []
-    prepare(torch.float32)  # the sweeps, so that only the terms are asked about
+    compilations = adjoints.compilations
+    monkeypatch.setattr(pointwise, "_chosen", [pointwise.Choice()])
+    pointwise.functions_of_theta()
+    pointwise.functions(torch.float32)  # the sweeps, so that only the terms are asked about
     monkeypatch.setattr(adjoints, "compilations", lambda: iter([lambda: compiled.append(None)] * 4))
     with pytest.raises(Cancelled, match="compiled"):
         prepare(torch.float32, lambda: len(compiled) == 2)
     assert len(compiled) == 2
+    monkeypatch.setattr(adjoints, "compilations", compilations)
+    assert prepare(torch.float32) is not plain

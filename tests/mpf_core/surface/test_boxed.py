@@ -15,7 +15,7 @@ from mpf_core.field.fitted import FittedField
 from mpf_core.field.footprint import Footprint
 from mpf_core.options import SurfaceOptions
 from mpf_core.quality.topology import topology
-from mpf_core.surface.boxed import kept_within, leaves
+from mpf_core.surface.boxed import kept_within, leaves, negative_share
 from mpf_core.surface.extraction import extract_mesh
 from mpf_core.surface.isosurface import Grid, extract
 from mpf_core.surface.lattice import Evaluate
@@ -38,7 +38,7 @@ def test_a_bulge_through_a_side_is_closed_there(sign: int) -> None:
     level = ball(0.6, sign)
     open_ = extract(level, GRID, TREE, reach=0.05)
     assert leaves(open_)
-    within = kept_within(level, GRID)
+    within = kept_within(level, GRID, negative_share(level, GRID))
     assert within is not None
     closed = extract(within, GRID, TREE, reach=0.05)
     found = topology(Mesh(closed.vertices, closed.faces))
@@ -77,4 +77,4 @@ def test_a_sheet_that_parts_the_box_is_not_an_accident() -> None:
     def level(x: NDArray[np.float64]) -> NDArray[np.float32]:
         return x[:, 2].astype(np.float32)
 
-    assert kept_within(level, GRID) is None
+    assert kept_within(level, GRID, negative_share(level, GRID)) is None

@@ -7,6 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mpf_core.field.pointwise import uncompiled
 from mpf_core.surface.intersections import Boxes, self_intersections
 from mpf_core.surface.mesh import Mesh
 from tests.mpf_core.quality.meshes import box, grid_sheet, icosphere, joined, moved
@@ -47,6 +48,30 @@ def test_touching_and_coplanar_triangles_do_not_count() -> None:
     standing = np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 1]])
     touching = joined(grid_sheet(2), Mesh(standing, np.array([[0, 1, 2]])))
     assert len(self_intersections(touching)) == 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 300), st.booleans())
+def test_compiled_or_not_the_same_pairs(seed: int, count: int, on_a_lattice: bool) -> None:
+    """On a lattice many corners lie exactly on other triangles' planes and edges."""
+    rng = np.random.default_rng(seed)
+    vertices = rng.random((max(count // 2, 9), 3))
+    if on_a_lattice:
+        vertices = np.round(3 * vertices)
+    soup = Mesh(vertices, rng.integers(0, len(vertices), (count, 3)))
+    found = self_intersections(soup)
+    with uncompiled():
+        assert np.array_equal(found, self_intersections(soup))
+
+
+def test_as_many_pairs_as_there_are() -> None:
+    """More than a part of the walk has room for at first."""
+    rng = np.random.default_rng(0)
+    needles = Mesh(rng.normal(size=(1200, 3)), np.arange(1200).reshape(-1, 3))
+    found = self_intersections(needles)
+    assert len(found) > 4 * len(needles.faces)
+    with uncompiled():
+        assert np.array_equal(found, self_intersections(needles))
 
 
 @settings(max_examples=30, deadline=None)
