@@ -5,8 +5,8 @@
   the Eikonal terms ask for, times SAFETY.
 - prediction: the interpolated value is farther from zero than the interpolation was wrong one
   level up, times ERROR_SAFETY. Where θ is smooth the error falls to a quarter with each level;
-  across the crease inside a thin wall it does not, but there twice the error seen one level up
-  covers it.
+  across the crease inside a thin wall it does not, but there the error seen one level up covers
+  it, taken so many times.
 
 Neither is proved, so the bound is heuristic. What it loses beside a found piece of surface is found
 again (`refine.completed`); a whole piece is not.
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from mpf_core.surface import cubes
 
 SAFETY = 1.25
-ERROR_SAFETY = 2.0
+ERROR_SAFETY = 2.5
 BOUND = (
     f"heuristic: a sign is taken as known where |θ| exceeds {SAFETY:g} times the slope seen around "
     f"the cell, or the interpolated θ {ERROR_SAFETY:g} times the error seen one level up"

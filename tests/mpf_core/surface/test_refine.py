@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -105,6 +105,8 @@ def sizes(field: Field, grid: Grid) -> tuple[int, int]:
     return len(surface.vertices), len(surface.faces)
 
 
+# Walls half as thick as a cell, of which twice the error seen one level up lost a part.
+@example(57784, 32, solids)
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([32, 45, 64]), st.sampled_from([solids, waves]))
 def test_no_cell_of_a_random_field_is_lost(
