@@ -88,7 +88,7 @@ def _thin(label: str, own: dict[str, Any], asked: Asked, method: str = "mpf") ->
     """The thin plate in the paper's recipe; a quick run's is a small form of it."""
     own = {"preset": "paper", "slices": 0, **own}
     if asked.quick:
-        own |= {"max_iterations": 60, "width": 32, "resolution": 64}
+        own |= {"max_iterations": 60, "width": 32, "resolution": 32}
         own |= dict.fromkeys(SETS, 64)
         own |= {"laplacian_points": 64}
     return _trial(label, THIN, QUICK_POINTS if asked.quick else 10_000, own, method)

@@ -9,7 +9,7 @@ from typing import Any
 
 # A fit of a few seconds: what runs in the tests, and says nothing about quality.
 QUICK: dict[str, Any] = {
-    "preset": "draft", "max_iterations": 60, "time_budget": 60.0, "resolution": 64, "slices": 0,
+    "preset": "draft", "max_iterations": 60, "time_budget": 60.0, "resolution": 32, "slices": 0,
 }  # fmt: skip
 QUICK_POINTS = 3000
 SETS = ("surface_points", "near_points", "far_points")

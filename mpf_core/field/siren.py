@@ -49,7 +49,9 @@ class Siren(nn.Module):
         super().__init__()
 
         def uniform(*shape: int, bound: float) -> nn.Parameter:
-            return nn.Parameter((torch.rand(shape, generator=generator) * 2 - 1) * bound)
+            drawn = torch.rand(shape, generator=generator)
+            # In place: without memory (`empty_network`) any other arithmetic loads a compiler.
+            return nn.Parameter(drawn.mul_(2).sub_(1).mul_(bound))
 
         self.precision: torch.dtype | None = None  # of the hidden products in `forward`
         hidden = math.sqrt(6 / width)

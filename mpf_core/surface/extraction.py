@@ -93,16 +93,16 @@ def extract_mesh(
 
 def _closed(
     surface: Isosurface, samples: cKDTree, apart: float, until: Until | None
-) -> tuple[Isosurface, int]:
-    """Without perforations, and how many there were; as it is where closing them takes too long,
-    as in shells that the fit has torn."""
+) -> tuple[Isosurface, int | None]:
+    """Without perforations, and how many there were; as it is, and None, where closing them takes
+    too long, as in shells that the fit has torn."""
     try:
         with nullcontext() if until is None else no_later(until.clock, until.after(CLOSING)):
             vertices, faces, closed = without_perforations(
                 surface.vertices, surface.faces, samples, apart
             )
     except Late:
-        return surface, 0
+        return surface, None
     return replace(surface, vertices=vertices, faces=faces), closed
 
 

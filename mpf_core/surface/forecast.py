@@ -101,9 +101,9 @@ class Until:
         return self.clock() + (1 - LATE) * seconds <= self.end
 
     def after(self, share: float) -> float:
-        """When a share of the time left will have gone."""
+        """When a share of the time left will have gone; past once the end is."""
         now = self.clock()
-        return now + share * max(self.end - now, 0.0)
+        return now + share * (self.end - now)
 
     def last_step(self, faces: int) -> float:
         """When the last step of a mesh of so many faces must have ended."""

@@ -38,7 +38,7 @@ def vertex_normals(mesh: Mesh) -> NDArray[np.float64]:
     """
     directions = face_normals(mesh)
     normals = np.zeros_like(mesh.vertices)
-    angles = _corner_angles(mesh)
+    angles = corner_angles(mesh)
     for axis in range(3):
         weights = (angles * directions[:, axis : axis + 1]).reshape(-1)
         normals[:, axis] = np.bincount(
@@ -52,15 +52,15 @@ def unit_normals(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     return _unit(vectors, otherwise=np.array([0.0, 0.0, 1.0]))
 
 
-def _corner_angles(mesh: Mesh) -> NDArray[np.float64]:
-    """(f, 3) angle of each triangle at each of its corners, in radians."""
-    corners = mesh.vertices[mesh.faces]
-    out = _unit(np.roll(corners, -1, axis=1) - corners)
-    back = _unit(np.roll(corners, 1, axis=1) - corners)
-    # Better than arccos of the cosine where the angle is small.
-    return np.asarray(
-        2 * np.arctan2(np.linalg.norm(out - back, axis=2), np.linalg.norm(out + back, axis=2))
-    )
+def corner_angles(mesh: Mesh) -> NDArray[np.float64]:
+    """(f, 3) angle of each triangle at each of its corners, in radians; 0 where a side has no
+    length."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    u, v, w = b - a, c - b, a - c
+    # Better than arccos of the cosine where the angle is small; twice the area serves all three.
+    area = np.linalg.norm(np.cross(u, v), axis=1)
+    along = [-np.einsum("fi,fi->f", out, back) for out, back in ((u, w), (v, u), (w, v))]
+    return np.asarray(np.arctan2(area[:, None], np.stack(along, axis=1)))
 
 
 def _unit(

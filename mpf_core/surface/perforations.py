@@ -19,6 +19,8 @@ from mpf_core.cloud.angles import widest_gap
 from mpf_core.cloud.neighbors import OPEN_ANGLE, nearest, principal_axes
 from mpf_core.heeding import heed
 from mpf_core.surface.cut import boundary_loops, pieces, used
+from mpf_core.surface.mesh import Mesh
+from mpf_core.surface.normals import corner_angles
 
 # What makes a tunnel's saddles: radians that the angles at a vertex exceed 2π by (4π in all), and
 # spacings between them. Narrow tunnels first, which wide groups would take together.
@@ -113,14 +115,8 @@ def _tunnels(saddles: Array, samples: cKDTree, together: float) -> list[tuple[Ar
 
 def _angles(vertices: Array, faces: Indices) -> Array:
     """(v,) the sum of the angles at each vertex; more than 2π at saddles."""
-    total = np.zeros(len(vertices))
-    for k in range(3):
-        corner = vertices[faces[:, k]]
-        one, other = vertices[faces[:, k - 2]] - corner, vertices[faces[:, k - 1]] - corner
-        along = np.einsum("ni,ni->n", one, other)
-        across = np.linalg.norm(np.cross(one, other), axis=1)
-        total += np.bincount(faces[:, k], np.arctan2(across, along), minlength=len(vertices))
-    return total
+    angles = corner_angles(Mesh(vertices, faces))
+    return np.asarray(np.bincount(faces.ravel(), angles.ravel(), len(vertices)), np.float64)
 
 
 def _is_sheet(points: Array, samples: cKDTree) -> Mask:
@@ -151,20 +147,30 @@ def _ring(
     """The triangles whose corners are all `within`, and their two boundary loops, as caps run round
     them, if they make a ring: connected, no loop touching itself or the other, Euler characteristic
     0, or less for many tunnels."""
-    near = np.unique(touching[within].indices).astype(np.int64)
-    inside = near[np.isin(faces[near], within).all(1)]
+    # Each triangle is there once for every corner within.
+    near = np.sort(_rows(touching, within))
+    inside = near[2:][near[2:] == near[:-2]].astype(np.int64)
     if not len(inside):
         return None
     corners = faces[inside]
+    names, local = np.unique(corners, return_inverse=True)
+    local = local.reshape(-1, 3)
+    start, stop = local.ravel(), np.roll(local, -1, axis=1).ravel()
+    size = len(names)
+    single = start[~np.isin(start * size + stop, stop * size + start)]
+    # Most are no ring, and what is cheap to ask tells so.
+    if not len(single) or size - (len(start) + len(single)) // 2 + len(local) > 0:
+        return None
+    if np.bincount(single).max() > 1 or pieces(local, size)[0] != 1:
+        return None
     # What runs round a hole of the ring is the ring's own turned about.
     loops = [loop[::-1] for loop in boundary_loops(corners)]
-    ends = np.concatenate([*loops, []])
-    if len(loops) != 2 or len(np.unique(ends)) != len(ends):
-        return None
-    names, local = np.unique(corners, return_inverse=True)
-    edges = (3 * len(corners) + len(ends)) // 2
-    if len(names) - edges + len(corners) > 0:
-        return None
-    if pieces(local.reshape(-1, 3), len(names))[0] != 1:
-        return None
-    return inside, loops
+    return (inside, loops) if len(loops) == 2 else None
+
+
+def _rows(matrix: sparse.csr_array, rows: Indices) -> Indices:
+    """The columns of all entries in `rows`."""
+    begin, end = matrix.indptr[rows], matrix.indptr[rows + 1]
+    count = end - begin
+    before = np.cumsum(count) - count
+    return np.asarray(matrix.indices[np.repeat(begin - before, count) + np.arange(count.sum())])

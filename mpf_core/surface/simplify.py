@@ -105,12 +105,19 @@ def _defects(faces: Faces) -> tuple[int, bool, int, int]:
     """What decimation must not add to: edges of more than two triangles, any edge of one,
     triangles that lie on another, and, negative, pieces."""
     edges, count = _edges(faces)
-    alike = len(faces) - len(np.unique(np.sort(faces, axis=1), axis=0))
-    used, dense = np.unique(edges, return_inverse=True)
-    tail, head = dense.reshape(-1, 2).T
-    graph = sparse.coo_array((np.ones(len(tail)), (tail, head)), shape=(len(used),) * 2)
+    used = np.bincount(edges.ravel()) > 0
+    tail, head = (np.cumsum(used) - 1)[edges].T
+    graph = sparse.coo_array((np.ones(len(tail)), (tail, head)), shape=(used.sum(),) * 2)
     pieces = connected_components(graph, directed=False)[0]
-    return int((count > 2).sum()), bool((count == 1).any()), alike, -int(pieces)
+    return int((count > 2).sum()), bool((count == 1).any()), _alike(faces), -int(pieces)
+
+
+def _alike(faces: Faces) -> int:
+    """How many triangles have the three corners of another, beyond the first of each."""
+    low, middle, high = np.sort(faces, axis=1).T
+    pair = low * (int(faces.max(initial=0)) + 1) + middle
+    order = np.lexsort((high, pair))
+    return int(((np.diff(pair[order]) == 0) & (np.diff(high[order]) == 0)).sum())
 
 
 def _edges(faces: Faces) -> tuple[Faces, NDArray[np.int64]]:

@@ -59,6 +59,7 @@ def test_in_time_the_grid_is_as_fine_as_without_an_end() -> None:
     fitted = field()
     free, held = (extract_mesh(fitted, OPTIONS, until=u) for u in (None, until(fitted, 1.0)))
     assert held.report == free.report
+    assert held.report["perforations_closed"] == 0
     assert np.array_equal(held.mesh.vertices, free.mesh.vertices)
 
 
@@ -78,6 +79,7 @@ def test_too_late_it_is_as_coarse_as_can_be_unless_it_was_asked_for(resolution: 
     options = SurfaceOptions(resolution=resolution)
     found = extract_mesh(field(), options, until=until(field(), -1.0))
     assert found.report["resolution"] == (resolution or LOWEST_RESOLUTION)
+    assert found.report["perforations_closed"] is None  # nobody has looked for any
 
 
 def test_a_last_step_that_would_end_too_late_is_not_taken() -> None:
