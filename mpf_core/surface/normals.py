@@ -59,7 +59,8 @@ def corner_angles(mesh: Mesh) -> NDArray[np.float64]:
     u, v, w = b - a, c - b, a - c
     # Better than arccos of the cosine where the angle is small; twice the area serves all three.
     area = np.linalg.norm(np.cross(u, v), axis=1)
-    along = [-np.einsum("fi,fi->f", out, back) for out, back in ((u, w), (v, u), (w, v))]
+    # From 0, not the negative: of a side without length that would be -0, and the angle π.
+    along = [0.0 - np.einsum("fi,fi->f", out, back) for out, back in ((u, w), (v, u), (w, v))]
     return np.asarray(np.arctan2(area[:, None], np.stack(along, axis=1)))
 
 
