@@ -16,6 +16,7 @@ from mpf_core.options import Options
 from mpf_core.watch import Watch
 
 Array = NDArray[np.float64]
+Face = Callable[[Neighborhoods], Facing]
 Begin = Callable[[Neighborhoods, Facing | None], Initialization]
 
 
@@ -33,10 +34,18 @@ class Known:
 
 
 def known_of(
-    samples: Array, options: Options, watch: Watch, threads: int, begin: Begin | None = None
+    samples: Array,
+    options: Options,
+    watch: Watch,
+    threads: int,
+    *,
+    face: Face | None = None,
+    begin: Begin | None = None,
 ) -> Known:
-    """From samples (n, 3) in [-1, 1]³; `begin` makes the classical start, `initialize` if not
-    given, from neighbourhoods and, where that is known, which way they face."""
+    """From samples (n, 3) in [-1, 1]³; `face` tells which way neighbourhoods face, and `begin`
+    makes the classical start from them and, where that is known, from how they face: `facing` and
+    `initialize` if not given."""
+    face = face or partial(facing, threads=threads)
     begin = begin or partial(initialize, threads=threads)
     remove = options.fit.denoise != "off"
     cleaned = denoise(
@@ -49,7 +58,7 @@ def known_of(
         return Known(neighbours, None, cleaned.points, cleaned.sigma, denoised)
     first, calm = None, None
     if remove:  # for which gaps need not be closed
-        first = facing(neighbours, threads)
+        first = face(neighbours)
         watch.check()
         calm = smoothed(cleaned.measured, neighbours, first.normals, threads)
     if calm is None:

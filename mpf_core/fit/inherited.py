@@ -25,7 +25,7 @@ from mpf_core.fit.freespace import (
     beside_inside,
     draw_discs,
 )
-from mpf_core.fit.initialize import Initialization
+from mpf_core.fit.initialize import Facing, Initialization
 from mpf_core.fit.localfit import LocalFit
 from mpf_core.fit.orientation import HINT, orient
 from mpf_core.fit.sides import Sides
@@ -64,12 +64,24 @@ class Phase:
         return np.asarray(self.labels[i, j, k])
 
 
-def inherited(neighbours: Neighborhoods, phase: Phase, *, threads: int = -1) -> Initialization:
-    """The classical start of a tile from its neighbourhoods in [-1, 1]³ and the whole's phase."""
+def faced(neighbours: Neighborhoods, phase: Phase, *, threads: int = -1) -> Facing:
+    """Which way the samples of a tile face, as the whole's."""
     count = min(ASKED, len(phase.points))
     _, index = nearest(cKDTree(phase.points), neighbours.points, count, threads)
-    normals = orient(neighbours, _seeds(neighbours, phase.normals[index]))
-    closest = index[:, 0]
+    return Facing(None, orient(neighbours, _seeds(neighbours, phase.normals[index])))
+
+
+def inherited(
+    neighbours: Neighborhoods,
+    phase: Phase,
+    first: Facing | None = None,
+    *,
+    threads: int = -1,
+) -> Initialization:
+    """The classical start of a tile from its neighbourhoods in [-1, 1]³ and the whole's phase.
+    `first` is how they are `faced`, where that is known already."""
+    normals = (first or faced(neighbours, phase, threads=threads)).normals
+    closest = nearest(cKDTree(phase.points), neighbours.points, 1, threads)[1][:, 0]
     layered = neighbours.layered
     solid = np.where(layered, 1.0, phase.solid[closest])
     bounds = Sides(solid, np.where(layered, 0.0, phase.buried[closest]))

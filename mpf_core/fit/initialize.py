@@ -119,10 +119,10 @@ class Initialization:
 
 @dataclass(frozen=True)
 class Facing:
-    """Which way samples face before gaps are closed: `space` as the flood fills it, `normals`
-    (n, 3) oriented by it."""
+    """Which way samples face before gaps are closed: `normals` (n, 3) oriented by `space` as the
+    flood fills it; None for a tile, whose sides are the whole's."""
 
-    space: FreeSpace
+    space: FreeSpace | None
     normals: Array
 
 
@@ -145,6 +145,7 @@ def initialize(
         shell = half_thickness(neighbours)
     first = first or facing(neighbours, threads)
     space, normals = first.space, first.normals
+    assert space is not None
     bounds = sides(neighbours, normals, space)
     if (bounds.solid > 0.5).mean() < EXPLAINED:
         closed = close_gaps(neighbours, normals, space)

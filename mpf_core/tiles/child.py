@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from mpf_core.field.fitted import FittedField
 from mpf_core.field.footprint import Footprint
 from mpf_core.field.precision import products_in
 from mpf_core.files import write_atomically
-from mpf_core.fit.inherited import inherited
+from mpf_core.fit.inherited import faced, inherited
 from mpf_core.fit.initialize import Facing, Initialization
 from mpf_core.fit.sampler import pool_size, warm_pools
 from mpf_core.fit.trainer import FEWEST, fit_field
@@ -128,10 +129,10 @@ def _fitted(
     samples = tile.similarity.to_normalised(tile.points)
 
     def begin(neighbours: Neighborhoods, first: Facing | None) -> Initialization:
-        del first  # of the whole, not of the tile
-        return inherited(neighbours, tile.phase, threads=threads)
+        return inherited(neighbours, tile.phase, first, threads=threads)
 
-    known = known_of(samples, options, watch, threads, begin)
+    face = partial(faced, phase=tile.phase, threads=threads)
+    known = known_of(samples, options, watch, threads, face=face, begin=begin)
     neighbours, start = known.neighbours, known.start
     if start is None:
         raise FitError("tiles cannot be fitted without a warm start", advice="Set warm_start.")
