@@ -32,11 +32,11 @@ PROBES, ROUNDS = 16_384, 3  # at which a pace is measured, and how often; the be
 NEIGHBOURS = 8  # that a search is for, among the probes
 # A surface of so many times the cells that the samples foretell is torn, or full of pockets, and
 # every one of them takes so many times as long: much to be closed, merged and taken back.
-TORN, DEARER = 1.5, 1.3
+TORN, DEARER = 1.5, 1.6
 LATE = 0.25  # of its seconds that an extraction may be foretold to last beyond the end
 # Searches for each triangle after the last step; and seconds that this step, without which the mesh
 # is ten times farther off, may last beyond the end.
-AFTER, GRACE = 5.0, 3.0
+AFTER, GRACE = 5.0, 2.0
 
 Evaluate = Callable[[NDArray[np.float64]], NDArray[np.float32]]
 
