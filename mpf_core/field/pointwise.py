@@ -18,6 +18,8 @@ from mpf_core.errors import Cancelled
 from mpf_core.field import plain
 from mpf_core.progress import CancelCheck
 
+FUSED = "mpf_core.field.fused"  # by name: it loads the compiler, which may not be there
+
 
 class Choice:
     """What this process has compiled, by the type of the arrays; `reason`: why it compiles none."""
@@ -39,21 +41,17 @@ class Choice:
 
     def others(self, name: str, cancel: CancelCheck | None) -> ModuleType | None:
         with self._lock:
-            if self.reason is None and name not in self._others:
-                try:
-                    module = import_module(name)
-                    compile_all(module.compilations(), cancel)
-                    self._others[name] = module
-                except Cancelled:
-                    raise
-                except Exception as error:  # likewise
-                    self._give_up(error)
-            return self._others.get(name)
+            if name not in self._others:
+                module = self._tried(name, lambda module: module.compilations(), cancel)
+                if module is None:
+                    self._use_nothing()
+                    return None
+                self._others[name] = module
+            return self._others[name]
 
-    def _give_up(self, error: Exception) -> None:
-        """Compile nothing from now on, and use nothing that is compiled."""
-        self.reason, self._of_theta = told(error), plain
-        self._of_fits = dict.fromkeys(self._of_fits, plain)
+    def _use_nothing(self) -> None:
+        """Of what is compiled."""
+        self._of_theta, self._of_fits = plain, dict.fromkeys(self._of_fits, plain)
         self._others.clear()
 
     def functions_of_theta(self, cancel: CancelCheck | None) -> ModuleType:
@@ -63,18 +61,26 @@ class Choice:
         return self._of_theta
 
     def _compile(self, kept: torch.dtype | None, cancel: CancelCheck | None) -> ModuleType:
-        if self.reason is not None:
-            return plain
-        try:
-            from mpf_core.field import fused
+        return self._tried(FUSED, lambda fused: fused.compilations(kept), cancel) or plain
 
-            compile_all(fused.compilations(kept), cancel)
+    def _tried(
+        self,
+        name: str,
+        compilations: Callable[[ModuleType], Iterable[Callable[[], None]]],
+        cancel: CancelCheck | None,
+    ) -> ModuleType | None:
+        """The module of that name, compiled; None, and nothing is tried again, where that fails."""
+        if self.reason is not None:
+            return None
+        try:
+            module = import_module(name)
+            compile_all(compilations(module), cancel)
         except Cancelled:
             raise
         except Exception as error:  # a compiler fails in ways of its own; a fit can do without
             self.reason = told(error)
-            return plain
-        return fused
+            return None
+        return module
 
 
 def compile_all(compilations: Iterable[Callable[[], None]], cancel: CancelCheck | None) -> None:

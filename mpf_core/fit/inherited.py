@@ -8,6 +8,7 @@ labels of free space are taken from the classical start of the whole; distances 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +57,11 @@ class Phase:
     shell: float
     enclosures: int
 
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of the points."""
+        return cKDTree(self.points)
+
     def label_at(self, x: Array) -> NDArray[np.int8]:
         """(n,) the label of the voxel nearest to each point of x (n, 3)."""
         index = np.rint((x - self.corner) / self.voxel)
@@ -67,7 +73,7 @@ class Phase:
 def faced(neighbours: Neighborhoods, phase: Phase, *, threads: int = -1) -> Facing:
     """Which way the samples of a tile face, as the whole's."""
     count = min(ASKED, len(phase.points))
-    _, index = nearest(cKDTree(phase.points), neighbours.points, count, threads)
+    _, index = nearest(phase.tree, neighbours.points, count, threads)
     return Facing(None, orient(neighbours, _seeds(neighbours, phase.normals[index])))
 
 
@@ -81,7 +87,7 @@ def inherited(
     """The classical start of a tile from its neighbourhoods in [-1, 1]³ and the whole's phase.
     `first` is how they are `faced`, where that is known already."""
     normals = (first or faced(neighbours, phase, threads=threads)).normals
-    closest = nearest(cKDTree(phase.points), neighbours.points, 1, threads)[1][:, 0]
+    closest = nearest(phase.tree, neighbours.points, 1, threads)[1][:, 0]
     layered = neighbours.layered
     solid = np.where(layered, 1.0, phase.solid[closest])
     bounds = Sides(solid, np.where(layered, 0.0, phase.buried[closest]))

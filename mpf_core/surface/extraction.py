@@ -111,16 +111,17 @@ def _in_grid(
 ) -> Isosurface:
     """The zero level, closed at the grid's sides where it leaves the grid and outside is told."""
     share = negative_share(level, grid)
+    within = kept_within(level, grid, share)
     # Where the sides' probes tell of it, there is no need to extract it first as it is.
-    within = kept_within(level, grid, share) if 0 < share < 1 else None
-    surface = extract(within or level, grid, samples, reach=reach, fits=fits)
-    spent = surface.evaluations
-    if within is None and leaves(surface):
-        within = kept_within(level, grid, share)
-        if within is not None:
-            surface = extract(within, grid, samples, reach=reach)
-            spent += surface.evaluations
-    return replace(surface, evaluations=spent, ended_at_sides=within is not None)
+    if within is not None and 0 < share < 1:
+        surface = extract(within, grid, samples, reach=reach, fits=fits)
+        return replace(surface, ended_at_sides=True)
+    surface = extract(level, grid, samples, reach=reach, fits=fits)
+    if within is None or not leaves(surface):
+        return surface
+    closed = extract(within, grid, samples, reach=reach)
+    evaluations = surface.evaluations + closed.evaluations
+    return replace(closed, evaluations=evaluations, ended_at_sides=True)
 
 
 def _zero_level(

@@ -19,7 +19,6 @@ from mpf_core.heeding import heed
 from mpf_core.parallel import mapped
 from mpf_core.progress import CancelCheck
 from mpf_core.surface.mesh import Mesh
-from mpf_core.surface.normals import face_crosses
 
 # A vertex nearer to a triangle's plane than this share of the triangle's size is on the plane.
 ON_PLANE = 1e-9
@@ -40,14 +39,16 @@ def self_intersections(mesh: Mesh) -> Pairs:
         return np.zeros((0, 2), np.int64)
     # Relative to the middle, so that nearly parallel planes far from the origin stay apart.
     vertices = mesh.vertices - mesh.vertices[mesh.faces].reshape(-1, 3).mean(axis=0)
-    triangles, tree = _Triangles.of(Mesh(vertices, mesh.faces)), Boxes.of(vertices[mesh.faces])
-    meeting = compiled_walk()
+    triangles = _Triangles.of(vertices[mesh.faces], mesh.faces)
+    tree, walk = Boxes.of(triangles.corners), compiled_walk()
+    slack = CERTAIN * triangles.tolerance
 
     def crossing(part: Pairs) -> Pairs:
-        candidates = (
-            tree.meeting(part) if meeting is None else _candidates(meeting, triangles, tree, part)
-        )
-        found = [_crossing(triangles, pairs) for pairs in candidates if len(pairs)]
+        if walk is None:
+            batches = tree.meeting(part)
+        else:
+            batches = iter([_candidates(walk, triangles, slack, tree, part)])
+        found = [_crossing(triangles, pairs) for pairs in batches if len(pairs)]
         return np.concatenate([*found, np.zeros((0, 2), np.int64)])
 
     return np.concatenate(mapped(crossing, tree.parts()))
@@ -59,20 +60,19 @@ def compiled_walk(cancel: CancelCheck | None = None) -> ModuleType | None:
 
 
 def _candidates(
-    meeting: ModuleType, triangles: _Triangles, tree: Boxes, part: Pairs
-) -> Iterator[Pairs]:
-    """The pairs below `part` that may cross, at once."""
-    slack, most = CERTAIN * triangles.tolerance, 64 + len(triangles.faces) // PARTS
+    walk: ModuleType, triangles: _Triangles, slack: NDArray[np.float64], tree: Boxes, part: Pairs
+) -> Pairs:
+    """The pairs below `part` that may cross."""
+    most = 64 + len(triangles.faces) // PARTS
     while True:
         waiting = np.concatenate([part, np.empty((3 * tree.depth, 2), np.int64)])
         found = np.empty((most, 2), np.int64)
-        count = meeting.candidates(
+        count = walk.candidates(
             tree.boxes, tree.order, waiting, len(part), triangles.corners, triangles.faces,
             triangles.planes, slack, found,
         )  # fmt: skip
         if count <= most:
-            yield found[:count]
-            return
+            return found[:count]
         most = count
 
 
@@ -178,15 +178,13 @@ class _Triangles:
     tolerance: NDArray[np.float64]
 
     @classmethod
-    def of(cls, mesh: Mesh) -> _Triangles:
-        corners = mesh.vertices[mesh.faces]
+    def of(cls, corners: Corners, faces: NDArray[np.int64]) -> _Triangles:
         a, b, c = (corners[:, k] for k in range(3))
-        normal = face_crosses(mesh)
+        normal = np.cross(b - a, c - a)
         size = np.maximum(np.linalg.norm(b - a, axis=1), np.linalg.norm(c - a, axis=1))
         tolerance = ON_PLANE * np.linalg.norm(normal, axis=1) * size
         planes = np.column_stack([normal, np.einsum("fi,fi->f", normal, a)])
-        faces = np.ascontiguousarray(mesh.faces, np.int64)
-        return cls(corners, faces, planes, tolerance)
+        return cls(corners, np.ascontiguousarray(faces, np.int64), planes, tolerance)
 
     def straddled(self, planes: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether triangles `others` have vertices on both sides of the planes of `planes`."""

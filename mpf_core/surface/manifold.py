@@ -75,10 +75,22 @@ class _Edges:
 def _without_flaps(faces: Faces) -> Faces:
     """Without pairs of triangles of the same three vertices: where the mesh is oriented, they face
     apart and enclose nothing."""
-    key = np.sort(faces, axis=1)
-    _, inverse, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
-    kept: Faces = faces[count[inverse.ravel()] % 2 == 1]
+    group = same_corners(faces)
+    kept: Faces = faces[np.bincount(group)[group] % 2 == 1]
     return kept
+
+
+def same_corners(faces: Faces) -> NDArray[np.int64]:
+    """(f,) the same number, from 0 on, for triangles that have all three corners in common."""
+    # Integers sort several times as fast as the rows that np.unique would compare.
+    low, middle, high = np.sort(faces, axis=1).T
+    pair = low * (int(faces.max(initial=0)) + 1) + middle
+    order = np.lexsort((high, pair))
+    fresh = np.ones(len(faces), dtype=bool)
+    fresh[1:] = (np.diff(pair[order]) != 0) | (np.diff(high[order]) != 0)
+    group = np.empty(len(faces), dtype=np.int64)
+    group[order] = np.cumsum(fresh) - 1
+    return group
 
 
 def _parted(vertices: Array, faces: Faces, edges: _Edges) -> tuple[Array, Faces]:

@@ -9,10 +9,10 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from mpf_core.errors import SurfaceError
-from mpf_core.surface.manifold import separated
+from mpf_core.surface.cut import pieces
+from mpf_core.surface.manifold import same_corners, separated
 
 # Of fast-simplification: lower ones tear less. Its default, 7, pinched four bubbles off a thin
 # wall with 61 pinholes, 5 none, in the same time.
@@ -104,20 +104,11 @@ def _distances(source: tuple[Array, Faces], target: tuple[Array, Faces]) -> Arra
 def _defects(faces: Faces) -> tuple[int, bool, int, int]:
     """What decimation must not add to: edges of more than two triangles, any edge of one,
     triangles that lie on another, and, negative, pieces."""
-    edges, count = _edges(faces)
-    used = np.bincount(edges.ravel()) > 0
-    tail, head = (np.cumsum(used) - 1)[edges].T
-    graph = sparse.coo_array((np.ones(len(tail)), (tail, head)), shape=(used.sum(),) * 2)
-    pieces = connected_components(graph, directed=False)[0]
-    return int((count > 2).sum()), bool((count == 1).any()), _alike(faces), -int(pieces)
-
-
-def _alike(faces: Faces) -> int:
-    """How many triangles have the three corners of another, beyond the first of each."""
-    low, middle, high = np.sort(faces, axis=1).T
-    pair = low * (int(faces.max(initial=0)) + 1) + middle
-    order = np.lexsort((high, pair))
-    return int(((np.diff(pair[order]) == 0) & (np.diff(high[order]) == 0)).sum())
+    _, count = _edges(faces)
+    there = np.bincount(faces.ravel()) > 0
+    connected = pieces(faces, len(there))[0] - int((~there).sum())  # a vertex alone is none
+    alike = len(faces) - 1 - int(same_corners(faces).max(initial=-1))
+    return int((count > 2).sum()), bool((count == 1).any()), alike, -connected
 
 
 def _edges(faces: Faces) -> tuple[Faces, NDArray[np.int64]]:
