@@ -196,6 +196,20 @@ class FitOptions:
         low=0.0,
         high=LARGEST,
     )
+    rim_normals: float = option(
+        0.15,
+        "Share of λ normal at the rims of thin walls, where it is the paper's then: in full, the "
+        "normals of both faces bend the narrow one between them outwards.",
+        low=0.0,
+        high=1.0,
+    )
+    rim_draws: float = option(
+        4.0,
+        "How many times as often the regression looks near the rims of thin walls, which turn "
+        "within a spacing.",
+        low=1.0,
+        high=100.0,
+    )
 
 
 @dataclass(frozen=True)

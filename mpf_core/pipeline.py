@@ -119,7 +119,10 @@ def _reconstructed(
     if start is None:
         pools = paper_pools(neighbours, rng, threads=threads)
     else:
-        pools = warm_pools(known.points, neighbours, start, rng, size=pool_size(options.fit))
+        pools = warm_pools(
+            known.points, neighbours, start, rng, size=pool_size(options.fit),
+            rim_draws=options.fit.rim_draws, rim_normals=options.fit.rim_normals,
+        )  # fmt: skip
 
     box = np.stack([neighbours.points.min(0) - PADDING, neighbours.points.max(0) + PADDING])
     painted = None if cloud.colors is None else (input_tree, cloud.colors)

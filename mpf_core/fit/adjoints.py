@@ -157,7 +157,7 @@ def _at_sample(tally, r, theta, p, of_r, of_theta, normal, oriented, weights, co
     length = math.sqrt(_dot(of_phi, of_phi) + SOFT**2)
     cosine = _dot(of_phi, normal) / length
     toward = 1.0 if oriented else np.sign(cosine)
-    tally[NORMAL] += _dot(normal, normal) - toward * cosine
+    tally[NORMAL] += math.sqrt(_dot(normal, normal)) - toward * cosine
     pull = -weights[NORMAL] * toward / length
     along = weights[EIK_PHI] * of_length - pull * cosine / length
     phi_bar = _plus(_plus(NONE, pull, normal), along, of_phi)  # of ∇φ

@@ -9,6 +9,7 @@ side is left to the fit, grows pockets. A sheet inside a solid: the same shell, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from mpf_core.cloud.neighbors import CHUNK, Neighborhoods, nearest
 from mpf_core.fit.closure import close_gaps, settle
 from mpf_core.fit.freespace import INSIDE, OUTSIDE, SURFACE, FreeSpace, flood
-from mpf_core.fit.localfit import LocalDistance, LocalFit
+from mpf_core.fit.localfit import FACING, LocalDistance, LocalFit
 from mpf_core.fit.orientation import orient, outward_seeds
 from mpf_core.fit.sides import Sides, parted, sides
 
@@ -67,10 +68,21 @@ class Initialization:
         layered = self.local.neighbours.layered
         return float(np.percentile(gap[layered], 5)) if layered.mean() > 0.01 else np.inf
 
-    def normals_at(self, samples: Array) -> Array:
-        """(n, 3) oriented unit normals at samples (n, 3) on or close to the surface; 0 where the
-        samples around contradict them."""
-        sure = self.local.neighbours.consistent
+    @cached_property
+    def rims(self) -> NDArray[np.bool_]:
+        """(n,) whether each sample is at the rim of a thin wall: where the data of one side end, or
+        beside a face across."""
+        cloud, solid = self.local.neighbours, self.bounds.solid > 0.5
+        cosine = np.einsum("nki,ni->nk", self.normals[cloud.links], self.normals)
+        across = ((np.abs(cosine) < FACING) & solid[cloud.links]).any(1)
+        thin = cloud.layered | cloud.layered[cloud.links].any(1)
+        ends = cloud.layered & cloud.rim.any(1)
+        return np.asarray(solid & (ends | (across & thin)))
+
+    def normals_at(self, samples: Array, at_rims: float = 1.0) -> Array:
+        """(n, 3) oriented normals at samples (n, 3) on or close to the surface: of length 1,
+        `at_rims` beside `rims`, and 0 where the samples around contradict them."""
+        sure = self.local.neighbours.consistent * np.where(self.rims, at_rims, 1.0)
         if samples is self.local.neighbours.points:
             return self.normals * sure[:, None]
         normals = np.empty(samples.shape)

@@ -75,12 +75,11 @@ def normal_loss(phi: Jet, normals: Float[Tensor, "n 3"], *, oriented: bool = Fal
     """∇φ along the PCA normal, blind to its orientation (eq. normal_align).
 
     `oriented` compares signs as well, for normals that a warm start has made consistent: it keeps
-    φ from touching zero at the samples without crossing it, which opens holes in sheets. A normal
-    of length 0 asks nothing.
+    φ from touching zero at the samples without crossing it, which opens holes in sheets. A normal's
+    length is its weight: one of length 0 asks nothing.
     """
-    known = normals.square().sum(1)  # 1 or 0
     cosine = (_direction(_gradient(phi)) * normals).sum(1)
-    return (known - (cosine if oriented else cosine.abs())).mean()
+    return (normals.square().sum(1).sqrt() - (cosine if oriented else cosine.abs())).mean()
 
 
 def regression_loss(

@@ -31,6 +31,7 @@ BAND_SPACINGS = 0.25  # δ in local-fit distance, over the median spacing
 BAND_SHELLS = 3.0  # and at least this many half thicknesses of the shell
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Pool:
 class Pools:
     """All that the loop draws from.
 
-    surface: (n, 3) the cloud with unit `normals`, 0 where they are not known; near: N_δ; far:
+    surface: (n, 3) the cloud with `normals`, whose lengths are their weights; near: N_δ; far:
     Ω \\ N_δ; ambient: uniform in free space, for second derivatives; start: for the regression;
     delta: δ, and spacing: the median distance of a sample to its sixth neighbour, normalised.
     """
@@ -85,7 +86,8 @@ def paper_pools(
     def distance(x: Array) -> Array:
         return distance_within(neighbours.tree, x, delta, threads)
 
-    near = _jittered(neighbours, neighbours.band_radius, size, rng)
+    pick = rng.integers(len(neighbours.points), size=size)
+    near = _jittered(neighbours, neighbours.band_radius, pick, rng)
     to_cloud = distance(near)
     near = near[(to_cloud > 0) & (to_cloud < delta)]
     far = _uniform(size, rng)
@@ -109,18 +111,28 @@ def warm_pools(
     rng: np.random.Generator,
     *,
     size: int = POOL,
+    rim_draws: float = 1.0,
+    rim_normals: float = 1.0,
 ) -> Pools:
     """The sets with a warm start: one pool with targets, parted at δ.
 
     samples: (n, 3) where the surface terms are asked for; `neighbours` may be of a thinned cloud.
+    rim_draws, rim_normals: as in `FitOptions`.
     """
+    draws = np.where(initialization.rims, rim_draws, 1.0)
+
+    def pick(count: int) -> Indices:
+        if not initialization.rims.any():
+            return rng.integers(len(draws), size=count)
+        return rng.choice(len(draws), size=count, p=draws / draws.sum())
+
     delta = max(BAND_SPACINGS * neighbours.median_spacing, BAND_SHELLS * initialization.shell)
     parts = [int(size * share) for share in (0.30, 0.30, 0.20, 0.20)]
     x = np.concatenate(
         [
-            _across_shell(neighbours, initialization, parts[0], rng),
-            _jittered(neighbours, 0.5 * neighbours.spacing, parts[1], rng),
-            _jittered(neighbours, neighbours.band_radius, parts[2], rng),
+            _across_shell(neighbours, initialization, pick(parts[0]), rng),
+            _jittered(neighbours, 0.5 * neighbours.spacing, pick(parts[1]), rng),
+            _jittered(neighbours, neighbours.band_radius, pick(parts[2]), rng),
             _uniform(parts[3], rng),
         ]
     )
@@ -141,7 +153,7 @@ def warm_pools(
     uniform = torch.arange(len(x)) >= len(x) - parts[3]
     return Pools(
         surface=_tensor(samples),
-        normals=_tensor(initialization.normals_at(samples)),
+        normals=_tensor(initialization.normals_at(samples, rim_normals)),
         near=_where(start, ~outside_band & (start.r > 0)),
         far=_where(start, outside_band),
         ambient=_where(start, outside_band & uniform),
@@ -165,17 +177,16 @@ def _uniform(count: int, rng: np.random.Generator) -> Array:
 
 
 def _jittered(
-    neighbours: Neighborhoods, width: Array, count: int, rng: np.random.Generator
+    neighbours: Neighborhoods, width: Array, pick: Indices, rng: np.random.Generator
 ) -> Array:
-    pick = rng.integers(len(neighbours.points), size=count)
-    return neighbours.points[pick] + rng.normal(size=(count, 3)) * width[pick, None]
+    return neighbours.points[pick] + rng.normal(size=(len(pick), 3)) * width[pick, None]
 
 
 def _across_shell(
-    neighbours: Neighborhoods, start: Initialization, count: int, rng: np.random.Generator
+    neighbours: Neighborhoods, start: Initialization, pick: Indices, rng: np.random.Generator
 ) -> Array:
     """Spread in the tangent plane, and along the normal across both walls of the shell."""
-    pick = rng.integers(len(neighbours.points), size=count)
+    count = len(pick)
     normals = start.normals[pick]
     lateral = rng.normal(size=(count, 3)) * 0.5 * neighbours.spacing[pick, None]
     lateral -= np.einsum("ni,ni->n", lateral, normals)[:, None] * normals

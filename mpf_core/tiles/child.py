@@ -137,7 +137,10 @@ def _fitted(
     if start is None:
         raise FitError("tiles cannot be fitted without a warm start", advice="Set warm_start.")
     rng = np.random.default_rng(options.seed)
-    pools = warm_pools(known.points, neighbours, start, rng, size=pool_size(options.fit))
+    pools = warm_pools(
+        known.points, neighbours, start, rng, size=pool_size(options.fit),
+        rim_draws=options.fit.rim_draws, rim_normals=options.fit.rim_normals,
+    )  # fmt: skip
     spacing = tile.similarity.length_to_normalised(tile.spacing)
     footprint = Footprint.of(
         samples, spacing=spacing, reach=neighbours.median_spacing, thickness=shell_of(start)

@@ -54,8 +54,10 @@ def pools() -> dict[str, Pools]:
     rng = np.random.default_rng(0)
     warm = warm_pools(cloud.points, cloud, initialize(cloud), rng, size=20_000)
     unsided = replace(warm.far, side=torch.where(warm.far.x[:, 0] > 0, warm.far.side, 0.0))
+    lighter = torch.where(warm.normals[:, :1] > 0, 1.0, 0.15) * warm.normals
     return {
         "warm": warm,
+        "normals in part lighter": replace(warm, normals=lighter),
         "sides in part unknown": replace(warm, far=unsided),
         "paper": paper_pools(cloud, rng, size=20_000),
     }
@@ -124,8 +126,8 @@ def test_without_these_loops_nothing_is_compiled(
         assert_alike(found, gradients(pools["warm"], OPTIONS, ALL)[1], 1e-6)
 
 
-@pytest.mark.parametrize("kind", ["sides in part unknown", "paper"])
-def test_sides_and_normals_may_be_unknown(pools: dict[str, Pools], kind: str) -> None:
+@pytest.mark.parametrize("kind", ["sides in part unknown", "normals in part lighter", "paper"])
+def test_sides_and_normals_may_be_unknown_or_count_less(pools: dict[str, Pools], kind: str) -> None:
     terms, found = gradients(pools[kind], OPTIONS, ALL)
     with uncompiled():
         plain_terms, plain = gradients(pools[kind], OPTIONS, ALL)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mpf_core.fit.initialize import SHELL, THICKEST, Initialization, half_thickness
+from mpf_core.cloud.neighbors import analyse
+from mpf_core.experiments.shapes import sample
+from mpf_core.fit.initialize import SHELL, THICKEST, Initialization, half_thickness, initialize
 from tests.mpf_core.fit.conftest import RADIUS
 
 Start = Callable[[str], Initialization]
@@ -110,3 +112,25 @@ def test_normals_that_the_samples_around_contradict_are_not_handed_on(
     length = np.linalg.norm(spoilt.normals_at(x), axis=1)
     assert length[7] == 0
     np.testing.assert_allclose(np.delete(length, 7), 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("thickness", "least"), [(0.01, 0.7), (0.05, 0.25)])
+def test_rims_of_a_thin_plate_lie_along_its_sides(thickness: float, least: float) -> None:
+    """`least` of the samples within a quarter of a spacing of the sides, few farther than two."""
+    plate = initialize(analyse(sample(f"plate-{thickness:g}", 4000, 0)))
+    cloud = plate.local.neighbours
+    flat = np.sort(np.abs(cloud.points), axis=1)[:, 2]  # 1 on the sides
+    inwards = (1 - flat) / cloud.median_spacing
+    assert (inwards[plate.rims] < 2).mean() > 0.9
+    assert plate.rims[inwards < 0.25].mean() > least
+    lengths = np.linalg.norm(plate.normals_at(cloud.points, at_rims=0.15), axis=1)
+    assert lengths[plate.rims].max() == pytest.approx(0.15)
+    others = lengths[~plate.rims]
+    assert (np.isclose(others, 1) | (others == 0)).all()
+
+
+def test_edges_of_a_thick_body_and_rims_of_sheets_are_none(start: Start) -> None:
+    """A cube of 4000 samples has none either: its faces do not need to turn within a spacing."""
+    assert not start("sphere").rims.any()
+    assert not start("plane").rims.any()
+    assert initialize(analyse(sample("cube-sheet", 4000, 0))).rims.mean() < 0.01

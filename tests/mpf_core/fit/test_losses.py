@@ -165,11 +165,12 @@ def test_normals_are_blind_to_orientation_unless_asked() -> None:
 
 
 @pytest.mark.parametrize("oriented", [False, True])
-def test_normals_of_length_zero_ask_nothing(oriented: bool) -> None:
+@pytest.mark.parametrize("least", [0.0, 0.15])
+def test_a_normals_length_is_its_weight(oriented: bool, least: float) -> None:
     x = on_sphere(0.5)
-    known = torch.arange(len(x)) % 2 == 0
-    part = losses.normal_loss(signed(x), x / 0.5 * known[:, None], oriented=oriented).item()
-    assert part == pytest.approx(known.float().mean().item() * (1 - SOFTENED), rel=1e-5)
+    length = torch.where(torch.arange(len(x)) % 2 == 0, 1.0, least)
+    part = losses.normal_loss(signed(x), x / 0.5 * length[:, None], oriented=oriented).item()
+    assert part == pytest.approx(length.mean().item() * (1 - SOFTENED), rel=1e-5)
 
 
 def test_regression_vanishes_at_its_target_and_counts_less_far_away() -> None:

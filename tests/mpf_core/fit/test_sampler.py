@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -97,3 +98,28 @@ def test_the_seed_decides(neighbours: Make, start: Start) -> None:
     )
     assert torch.equal(first.near.x, again.near.x)
     assert torch.equal(first.ambient.x, again.ambient.x)
+
+
+def test_rims_of_thin_walls_are_drawn_more_often(neighbours: Make, start: Start) -> None:
+    cloud, body = neighbours("sphere"), start("sphere")
+    rim = cloud.points[:, 2] > 0.4  # a tenth of them
+    thin = replace(body)
+    thin.__dict__["rims"] = rim
+
+    def share(draws: float) -> float:
+        pools = warm_pools(
+            cloud.points, cloud, thin, np.random.default_rng(0), size=SIZE, rim_draws=draws
+        )
+        assert pools.start is not None
+        near = pools.start.x[: int(0.6 * SIZE)].numpy().astype(np.float64)
+        return float(rim[cloud.tree.query(near)[1]].mean())
+
+    expected = rim.mean()
+    assert share(1.0) == pytest.approx(expected, abs=0.02)
+    assert share(4.0) == pytest.approx(4 * expected / (1 + 3 * expected), abs=0.02)
+    light = warm_pools(
+        cloud.points, cloud, thin, np.random.default_rng(0), size=100, rim_normals=0.15
+    )
+    lengths = light.normals.norm(dim=1).numpy()
+    assert lengths[rim] == pytest.approx(0.15)
+    assert lengths[~rim] == pytest.approx(1)
