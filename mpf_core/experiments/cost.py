@@ -28,7 +28,8 @@ from mpf_core.fit.objective import Objective
 from mpf_core.fit.optimizers import QUINTICS, Optimizer
 from mpf_core.fit.sampler import warm_pools
 from mpf_core.fit.trainer import first_frequency
-from mpf_core.options import PRESETS, FitOptions
+from mpf_core.fit_options import FitOptions
+from mpf_core.options import PRESETS
 from mpf_core.parallel import shared, workers
 
 SHAPE, POINTS, POOL = "cube-sheet", 10_000, 50_000

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mpf_core.fit.sampler import Pools
-from mpf_core.options import FitOptions
+from mpf_core.fit_options import FitOptions
 
 
 @dataclass(frozen=True)

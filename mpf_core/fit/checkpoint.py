@@ -20,7 +20,7 @@ from torch import Tensor
 from mpf_core.errors import CheckpointError
 from mpf_core.files import write_atomically
 from mpf_core.fit.sampler import Pools
-from mpf_core.options import FitOptions
+from mpf_core.fit_options import FitOptions
 
 FORMAT = "mpf-checkpoint-2"
 

@@ -15,7 +15,7 @@ from mpf_core.field.fused import array_of
 from mpf_core.field.sweeps import GradientSweep, LaplacianSweep, Part, ValueSweep
 from mpf_core.fit import adjoints
 from mpf_core.fit.batch import Batch, Stage
-from mpf_core.options import FitOptions
+from mpf_core.fit_options import FitOptions
 
 Tally = NDArray[np.float64]
 Tensors = tuple[Tensor, ...]

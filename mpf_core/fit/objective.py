@@ -12,7 +12,7 @@ from mpf_core.field import FieldJets, Jet, MetricPhaseField, Order
 from mpf_core.fit import losses
 from mpf_core.fit.batch import Batch, Stage, Surface, draw
 from mpf_core.fit.sampler import Pools
-from mpf_core.options import FitOptions
+from mpf_core.fit_options import FitOptions
 
 EXAMINED = 4096  # points of each kind by which states of the fit are compared
 

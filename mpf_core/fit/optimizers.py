@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from mpf_core.field import MetricPhaseField
-from mpf_core.options import FitOptions
+from mpf_core.fit_options import FitOptions
 from mpf_core.parallel import shared
 
 # Odd quintics whose composition brings singular values from [0.015, 1] to within 0.16 of 1, each

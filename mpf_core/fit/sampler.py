@@ -21,7 +21,7 @@ from torch import Tensor
 
 from mpf_core.cloud.neighbors import Neighborhoods, distance_within
 from mpf_core.fit.initialize import Initialization, Targets
-from mpf_core.options import FitOptions
+from mpf_core.fit_options import FitOptions
 from mpf_core.parallel import shared
 
 BOX = 1.1  # Ω = [-BOX, BOX]³

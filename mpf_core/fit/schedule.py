@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 
 from mpf_core.fit.batch import Stage
-from mpf_core.options import FitOptions
+from mpf_core.fit_options import FitOptions
 
 REGRESSION_ALONE = 0.8  # share of the warm start before the paper's terms join
 RAMP = 20  # steps in which the rates rise from 1/20 at the very start

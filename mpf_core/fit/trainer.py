@@ -29,8 +29,8 @@ from mpf_core.fit.objective import Objective
 from mpf_core.fit.optimizers import Optimizer
 from mpf_core.fit.sampler import Pools
 from mpf_core.fit.schedule import Costs, Schedule
+from mpf_core.fit_options import FitOptions
 from mpf_core.heeding import heeding
-from mpf_core.options import FitOptions
 from mpf_core.parallel import flushed_denormals
 from mpf_core.progress import Clock
 

@@ -22,7 +22,8 @@ from mpf_core.fit.compiled import prepare
 from mpf_core.fit.initialize import initialize
 from mpf_core.fit.objective import Objective
 from mpf_core.fit.sampler import Pools, paper_pools, warm_pools
-from mpf_core.options import PRESETS, FitOptions
+from mpf_core.fit_options import FitOptions
+from mpf_core.options import PRESETS
 from mpf_core.parallel import workers
 
 ALONE, FADING, WITHOUT, ALL = (

@@ -22,8 +22,9 @@ from mpf_core.fit.initialize import initialize
 from mpf_core.fit.sampler import Pools, warm_pools
 from mpf_core.fit.schedule import Costs, Schedule
 from mpf_core.fit.trainer import Trainer, fit_field, wants_normals
+from mpf_core.fit_options import FitOptions
 from mpf_core.heeding import heeding
-from mpf_core.options import FitOptions, options_from
+from mpf_core.options import options_from
 from mpf_core.parallel import workers
 from tests.mpf_core.clouds import sphere
 
