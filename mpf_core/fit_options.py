@@ -162,6 +162,11 @@ class FitOptions:
     align_from: float = option(
         0.3, "Share of the iterations after which the align term is on.", low=0.0, high=1.0
     )
+    align_folds: bool = option(
+        False,
+        "Whether the align term counts in full where θ folds, half way between two walls, and has "
+        "no direction. It then leaves waves on both: a plate 0.01 thick is twice as far off.",
+    )
     weight_zero: float = option(1.0, "Surface data, eq. zero_level.", low=0.0, high=LARGEST)
     weight_align: float = option(0.7, "Gradient alignment, eq. align.", low=0.0, high=LARGEST)
     weight_eik_r: float = option(0.007, "Metric Eikonal, eq. eik_r.", low=0.0, high=LARGEST)

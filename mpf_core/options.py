@@ -203,6 +203,7 @@ PRESETS: dict[str, Options] = {
             averaging=0.0,
             learning_rate=5e-5,
             gradient_clip=1.4e-3,
+            align_folds=True,
             weight_phase=0.002,
             weight_normal=0.15,
         ),

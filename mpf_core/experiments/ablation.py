@@ -24,6 +24,7 @@ ADDITIONS: dict[str, dict[str, Any]] = {
     "λ normal of the paper": {"weight_normal": 0.15},
     "rims drawn as all else": {"rim_draws": 1.0},
     "normals in full at rims": {"rim_normals": 1.0},
+    "align in full at folds": {"align_folds": True},
     "ω₀ = 30": {"omega": 30.0},
     "no slow waves": {"slow_waves": 0.0},
     "last mean, not the best": {"patience": 0.0},

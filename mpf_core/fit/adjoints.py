@@ -7,7 +7,8 @@ Letters: n points; y (2, n) the network's outputs, a and θ, with gradients g (2
 Laplacians l (2, n); r = softplus(a), gate = dr/da; P = tanh(βθ), P′ = β(1 − P²); φ = ρ·P + κθ,
 where ρ is r, or 1 in the ablation "phase", and κ is 1, or 0 in both ablations. A bar marks the
 derivative of the weighted sum of all terms with respect to a quantity; each loop writes ȳ, ḡ, l̄.
-`constants` (5,) are β, the softplus's slope, α, 1 where ρ is r, and κ. `tally` (TALLY,) collects
+`constants` (6,) are β, the softplus's slope, α, 1 where ρ is r, κ, and 1 where align counts in
+full at folds. `tally` (TALLY,) collects
 the unweighted sums of the terms and, last, β̄. `first` is the number of the first point in its
 batch, `count` that of the samples with which a batch begins.
 
@@ -179,6 +180,8 @@ def _in_band(tally, r, of_r, of_theta, weights, constants):
     length_theta = math.sqrt(_dot(of_theta, of_theta) + SOFT**2)
     cosine = _dot(of_r, of_theta) / (length_r * length_theta)
     window = math.exp(-constants[2] * r)
+    if constants[5] == 0.0:
+        window *= min(_dot(of_theta, of_theta), 1.0)
     apart = window * (1.0 - abs(cosine))
     tally[ALIGN] += apart
     pull = -weights[ALIGN] * window * np.sign(cosine)

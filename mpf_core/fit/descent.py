@@ -71,7 +71,8 @@ def _constants(field: MetricPhaseField, options: FitOptions) -> Tally:
     beta = float(field.beta.detach())
     rho = 0.0 if field.composite == "phase" else 1.0
     kappa = 1.0 if field.composite == "residual" else 0.0
-    return np.array([beta, field.softplus_slope, options.alpha, rho, kappa])
+    folds = float(options.align_folds)
+    return np.array([beta, field.softplus_slope, options.alpha, rho, kappa, folds])
 
 
 def _parts(batch: Batch, weights: Tally, constants: Tally, oriented: bool) -> list[Part]:

@@ -26,15 +26,21 @@ def zero_loss(fields: FieldJets) -> Scalar:
     return (fields.r.value + fields.phi.value.abs()).mean()
 
 
-def align_loss(r: Jet, theta: Jet, alpha: float) -> Scalar:
+def align_loss(r: Jet, theta: Jet, alpha: float, *, folds: bool = True) -> Scalar:
     """Near-surface agreement of the directions of ∇r and ∇θ, blind to orientation (eq. align).
 
     Weighted by exp(−α·r), so that only a narrow band around the samples counts. The weight takes
     part in the derivative: where θ must fold, between the two walls of a shell, r may rise and
-    release the term. Held fixed, it drives the second wall away from the first.
+    release the term. Held fixed, it drives the second wall away from the first. Without `folds` it
+    is also weighted by |∇θ|² where that is below 1, which is held fixed: there θ folds and has no
+    direction, and the gradients of what it has instead are noise.
     """
-    cosine = (_direction(_gradient(r)) * _direction(_gradient(theta))).sum(1)  # (n,)
-    return (torch.exp(-alpha * r.value) * (1 - cosine.abs())).mean()
+    of_theta = _gradient(theta)
+    cosine = (_direction(_gradient(r)) * _direction(of_theta)).sum(1)  # (n,)
+    window = torch.exp(-alpha * r.value)
+    if not folds:
+        window = window * of_theta.detach().square().sum(1).clamp(max=1)
+    return (window * (1 - cosine.abs())).mean()
 
 
 def metric_eikonal_loss(r: Jet) -> Scalar:

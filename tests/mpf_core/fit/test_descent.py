@@ -127,6 +127,17 @@ def test_without_these_loops_nothing_is_compiled(
         assert_alike(found, gradients(pools["warm"], OPTIONS, ALL)[1], 1e-6)
 
 
+@pytest.mark.parametrize("folds", [False, True])
+def test_align_at_folds(pools: dict[str, Pools], folds: bool) -> None:
+    silent = {f"weight_{n}": 0.0 for n in adjoints.TERMS if n not in ("align", "regression")}
+    options = replace(OPTIONS, **silent, align_folds=folds)
+    terms, found = gradients(pools["warm"], options, ALL)
+    with uncompiled():
+        plain_terms, plain = gradients(pools["warm"], options, ALL)
+    assert_alike(terms, plain_terms, 1e-5)
+    assert_alike(found, plain, 3e-4)
+
+
 @pytest.mark.parametrize("kind", ["sides in part unknown", "normals in part lighter", "paper"])
 def test_sides_and_normals_may_be_unknown_or_count_less(pools: dict[str, Pools], kind: str) -> None:
     terms, found = gradients(pools[kind], OPTIONS, ALL)

@@ -101,6 +101,20 @@ def test_align_counts_in_the_band_alone() -> None:
         assert losses.align_loss(metric, theta, 100).item() == pytest.approx(math.exp(-100 * r))
 
 
+def test_align_counts_less_where_theta_folds() -> None:
+    zero = torch.zeros(3, dtype=torch.float64)
+    axes = torch.eye(3, dtype=torch.float64)
+    metric = Jet(zero, axes[:1].expand(3, 3))
+    for length, share in ((2.0, 1.0), (1.0, 1.0), (0.5, 0.25), (0.0, 0.0)):
+        slope = (length * axes[1:2].expand(3, 3)).requires_grad_()
+        term = losses.align_loss(metric, Jet(zero, slope), 100, folds=False)
+        assert term.item() == pytest.approx(share)
+        (found,) = torch.autograd.grad(term, slope)
+        full = losses.align_loss(metric, Jet(zero, slope), 100)
+        (whole,) = torch.autograd.grad(full, slope)
+        assert torch.allclose(found, share * whole)  # the weight itself pulls at nothing
+
+
 def test_metric_eikonal_measures_the_length_of_the_gradient_of_r() -> None:
     r = unsigned(points())
     assert losses.metric_eikonal_loss(r).item() == pytest.approx(0, abs=1e-12)
