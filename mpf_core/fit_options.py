@@ -164,8 +164,9 @@ class FitOptions:
     )
     align_folds: bool = option(
         False,
-        "Whether the align term counts in full where θ folds, half way between two walls, and has "
-        "no direction. It then leaves waves on both: a plate 0.01 thick is twice as far off.",
+        "Whether the align term counts in full where θ folds, half way between the sides of a thin "
+        "wall, and has no direction. It then leaves waves on both: a plate 0.01 thick is twice as "
+        "far off. Around open sheets it always does: it keeps their shells from being pierced.",
     )
     weight_zero: float = option(1.0, "Surface data, eq. zero_level.", low=0.0, high=LARGEST)
     weight_align: float = option(0.7, "Gradient alignment, eq. align.", low=0.0, high=LARGEST)

@@ -7,8 +7,7 @@ Letters: n points; y (2, n) the network's outputs, a and θ, with gradients g (2
 Laplacians l (2, n); r = softplus(a), gate = dr/da; P = tanh(βθ), P′ = β(1 − P²); φ = ρ·P + κθ,
 where ρ is r, or 1 in the ablation "phase", and κ is 1, or 0 in both ablations. A bar marks the
 derivative of the weighted sum of all terms with respect to a quantity; each loop writes ȳ, ḡ, l̄.
-`constants` (6,) are β, the softplus's slope, α, 1 where ρ is r, κ, and 1 where align counts in
-full at folds. `tally` (TALLY,) collects
+`constants` (5,) are β, the softplus's slope, α, 1 where ρ is r, and κ. `tally` (TALLY,) collects
 the unweighted sums of the terms and, last, β̄. `first` is the number of the first point in its
 batch, `count` that of the samples with which a batch begins.
 
@@ -41,7 +40,7 @@ SCALE = 0.03  # of the regression
 FORMS = {
     "values": "D1 F2 F2 F1 i D1 D1",
     "regressions": "D1 F2 F2 F1 F1 i D1 D1",
-    "gradients": "D1 F2 F3 F2 F3 F2 i i i D1 D1",
+    "gradients": "D1 F2 F3 F2 F3 F2 F1 i i i D1 D1",
     "laplacians": "D1 F2 F3 F2 F2 F3 F2 D1 D1",
 }
 
@@ -172,7 +171,7 @@ def _at_sample(tally, r, theta, p, of_r, of_theta, normal, oriented, weights, co
 
 
 @inline
-def _in_band(tally, r, of_r, of_theta, weights, constants):
+def _in_band(tally, r, of_r, of_theta, folds, weights, constants):
     """eik_r and align at one point: r̄, ∇r's bar, ∇θ's."""
     off, of_length = _unit_length(of_r)
     tally[EIK_R] += off
@@ -180,7 +179,7 @@ def _in_band(tally, r, of_r, of_theta, weights, constants):
     length_theta = math.sqrt(_dot(of_theta, of_theta) + SOFT**2)
     cosine = _dot(of_r, of_theta) / (length_r * length_theta)
     window = math.exp(-constants[2] * r)
-    if constants[5] == 0.0:
+    if folds == 1.0:
         window *= min(_dot(of_theta, of_theta), 1.0)
     apart = window * (1.0 - abs(cosine))
     tally[ALIGN] += apart
@@ -193,10 +192,12 @@ def _in_band(tally, r, of_r, of_theta, weights, constants):
 
 
 @compiled
-def gradients(tally, y_bar, g_bar, y, g, normals, first, count, oriented, weights, constants):
+def gradients(
+    tally, y_bar, g_bar, y, g, normals, folds, first, count, oriented, weights, constants
+):
     """Samples: zero, eik_phi and normal; then points of the band: eik_r and align.
 
-    normals (count, 3)
+    normals (count, 3); folds: of those of the band, 1 where align counts less at folds
     """
     slope = constants[1]
     for i in range(y.shape[1]):
@@ -212,7 +213,7 @@ def gradients(tally, y_bar, g_bar, y, g, normals, first, count, oriented, weight
             )
         else:
             r_bar, r_slope_bar, theta_slope_bar = _in_band(
-                tally, r, of_r, of_theta, weights, constants
+                tally, r, of_r, of_theta, folds[k - count], weights, constants
             )
         a_bar, theta_bar, more = _back(theta, p, r, gate, r_bar, p_bar, phi_bar, constants)
         y_bar[0, i] = a_bar + _dot(r_slope_bar, of_a) * slope * gate * (1.0 - gate)

@@ -71,8 +71,7 @@ def _constants(field: MetricPhaseField, options: FitOptions) -> Tally:
     beta = float(field.beta.detach())
     rho = 0.0 if field.composite == "phase" else 1.0
     kappa = 1.0 if field.composite == "residual" else 0.0
-    folds = float(options.align_folds)
-    return np.array([beta, field.softplus_slope, options.alpha, rho, kappa, folds])
+    return np.array([beta, field.softplus_slope, options.alpha, rho, kappa])
 
 
 def _parts(batch: Batch, weights: Tally, constants: Tally, oriented: bool) -> list[Part]:
@@ -89,14 +88,15 @@ def _parts(batch: Batch, weights: Tally, constants: Tally, oriented: bool) -> li
 
     parts = []
     if batch.surface is not None:
-        surface, normals = batch.surface, array_of(batch.surface.normals)
+        surface = batch.surface
+        normals, folds = array_of(surface.normals), array_of(surface.folds)
 
         def on_surface(outputs: Tensors, rows: slice, tally: Tally) -> Tensors:
             y_bar, g_bar = bars = tuple(torch.empty_like(one) for one in outputs)
             y, g = map(array_of, outputs)
             adjoints.gradients(
-                tally, array_of(y_bar), array_of(g_bar), y, g, normals, rows.start, len(normals),
-                int(oriented), weights, constants,
+                tally, array_of(y_bar), array_of(g_bar), y, g, normals, folds, rows.start,
+                len(normals), int(oriented), weights, constants,
             )  # fmt: skip
             return bars
 

@@ -19,13 +19,12 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mpf_core.cloud.neighbors import Neighborhoods, distance_within
+from mpf_core.cloud.neighbors import CHUNK, Neighborhoods, distance_within
 from mpf_core.fit.initialize import Initialization, Targets
 from mpf_core.fit_options import FitOptions
 from mpf_core.parallel import shared
 
 BOX = 1.1  # Ω = [-BOX, BOX]³
-CHUNK = 16_384  # points whose neighbourhoods are held at once
 POOL = 400_000  # seen some twenty times each in a balanced fit
 BAND_SPACINGS = 0.25  # δ in local-fit distance, over the median spacing
 BAND_SHELLS = 3.0  # and at least this many half thicknesses of the shell
@@ -38,14 +37,15 @@ Indices = NDArray[np.int64]
 class Pool:
     """Points with what the losses need to know about them.
 
-    x: (n, 3); side: (n,) +1 outside, −1 enclosed; theta, r: (n,) the classical start. Without a
-    warm start only x.
+    x: (n, 3); side: (n,) +1 outside, −1 enclosed; theta, r: (n,) the classical start; walls: (n,)
+    1 at walls thinner than the samples tell by themselves. Without a warm start only x.
     """
 
     x: Float[Tensor, "n 3"]
     side: Float[Tensor, " n"] | None = None
     theta: Float[Tensor, " n"] | None = None
     r: Float[Tensor, " n"] | None = None
+    walls: Float[Tensor, " n"] | None = None
 
     def __len__(self) -> int:
         return len(self.x)
@@ -147,6 +147,7 @@ def warm_pools(
         _tensor(np.concatenate([np.sign(t.theta) for t in targets])),
         _tensor(np.concatenate([t.theta for t in targets])),
         _tensor(np.concatenate([t.r for t in targets])),
+        _tensor(np.concatenate([t.walls for t in targets])),
     )
     assert start.r is not None and start.side is not None
     outside_band = start.r >= delta
@@ -169,7 +170,8 @@ def _tensor(values: NDArray[np.generic]) -> Tensor:
 
 def _where(pool: Pool, mask: Tensor) -> Pool:
     assert pool.side is not None and pool.theta is not None and pool.r is not None
-    return Pool(pool.x[mask], pool.side[mask], pool.theta[mask], pool.r[mask])
+    assert pool.walls is not None
+    return Pool(pool.x[mask], pool.side[mask], pool.theta[mask], pool.r[mask], pool.walls[mask])
 
 
 def _uniform(count: int, rng: np.random.Generator) -> Array:

@@ -59,6 +59,7 @@ def pools() -> dict[str, Pools]:
     return {
         "warm": warm,
         "normals in part lighter": replace(warm, normals=lighter),
+        "thin walls": replace(warm, near=replace(warm.near, walls=(warm.near.x[:, 0] > 0).float())),
         "sides in part unknown": replace(warm, far=unsided),
         "paper": paper_pools(cloud, rng, size=20_000),
     }
@@ -131,11 +132,13 @@ def test_without_these_loops_nothing_is_compiled(
 def test_align_at_folds(pools: dict[str, Pools], folds: bool) -> None:
     silent = {f"weight_{n}": 0.0 for n in adjoints.TERMS if n not in ("align", "regression")}
     options = replace(OPTIONS, **silent, align_folds=folds)
-    terms, found = gradients(pools["warm"], options, ALL)
+    terms, found = gradients(pools["thin walls"], options, ALL)
     with uncompiled():
-        plain_terms, plain = gradients(pools["warm"], options, ALL)
+        plain_terms, plain = gradients(pools["thin walls"], options, ALL)
     assert_alike(terms, plain_terms, 1e-5)
     assert_alike(found, plain, 3e-4)
+    whole, _ = gradients(pools["warm"], options, ALL)
+    assert torch.equal(terms["align"], whole["align"]) == folds
 
 
 @pytest.mark.parametrize("kind", ["sides in part unknown", "normals in part lighter", "paper"])
@@ -185,7 +188,8 @@ def test_a_point_where_nothing_is_known_of_the_field_does_no_harm() -> None:
     y, g = np.zeros((2, 4), np.float32), np.zeros((2, 4, 3), np.float32)
     y_bar, g_bar = np.full_like(y, np.nan), np.full_like(g, np.nan)
     normals = np.zeros((2, 3), np.float32)
-    adjoints.gradients(tally, y_bar, g_bar, y, g, normals, 0, 2, 1, weights, constants)
+    folds = np.zeros(2, np.float32)
+    adjoints.gradients(tally, y_bar, g_bar, y, g, normals, folds, 0, 2, 1, weights, constants)
     assert np.isfinite(tally).all() and np.isfinite(y_bar).all() and np.isfinite(g_bar).all()
 
 

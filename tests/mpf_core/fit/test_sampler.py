@@ -11,8 +11,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mpf_core.cloud.neighbors import Neighborhoods
-from mpf_core.fit.initialize import Initialization
+from mpf_core.cloud.neighbors import Neighborhoods, analyse
+from mpf_core.experiments.shapes import sample
+from mpf_core.fit.initialize import Initialization, initialize
 from mpf_core.fit.sampler import BOX, Pools, paper_pools, warm_pools
 from tests.mpf_core.fit.conftest import RADIUS
 
@@ -98,6 +99,14 @@ def test_the_seed_decides(neighbours: Make, start: Start) -> None:
     )
     assert torch.equal(first.near.x, again.near.x)
     assert torch.equal(first.ambient.x, again.ambient.x)
+
+
+@pytest.mark.parametrize(("shape", "least", "most"), [("plate-0.01", 0.9, 1), ("torus", 0, 0)])
+def test_the_band_knows_thin_walls(shape: str, least: float, most: float) -> None:
+    cloud = analyse(sample(shape, 3000, 0))
+    walls = warm(cloud, initialize(cloud)).near.walls
+    assert walls is not None
+    assert least <= walls.mean() <= most
 
 
 def test_rims_of_thin_walls_are_drawn_more_often(neighbours: Make, start: Start) -> None:
