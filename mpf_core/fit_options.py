@@ -162,7 +162,7 @@ class FitOptions:
     align_from: float = option(
         0.3, "Share of the iterations after which the align term is on.", low=0.0, high=1.0
     )
-    align_folds: bool = option(
+    align_at_folds: bool = option(
         False,
         "Whether the align term counts in full where θ folds, half way between the sides of a thin "
         "wall, and has no direction. It then leaves waves on both: a plate 0.01 thick is twice as "
@@ -191,15 +191,15 @@ class FitOptions:
     )
     rim_normals: float = option(
         0.15,
-        "Share of λ normal at the rims of thin walls, where it is the paper's then: in full, the "
-        "normals of both faces bend the narrow one between them outwards.",
+        "Share of λ normal at the rims of thin walls (0.15 of the default is the paper's): in "
+        "full, the normals of both faces bend the narrow one between them outwards.",
         low=0.0,
         high=1.0,
     )
     rim_draws: float = option(
         4.0,
-        "How many times as often the regression looks near the rims of thin walls, which turn "
-        "within a spacing.",
+        "How many times as often points of the band, of free space and of the regression are taken "
+        "near the rims of thin walls, which turn within a spacing.",
         low=1.0,
         high=100.0,
     )

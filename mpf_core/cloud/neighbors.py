@@ -62,7 +62,7 @@ class Neighborhoods:
     flatness: (n,) spread along the normal divided by the spread in the tangent plane, in [0, 1].
     gap: (n,) distance to the other side of a wall or rod thinner than the patches, 0 where there is
     none. Where there is one, normals point away from the other side; for walls all but the band
-    radius is told by the sample's own side alone.
+    radius is told by the sample's own side alone. rods: (n,) whether it is a rod's.
     consistent: (n,) whether the normal fits the samples around, or is what these told; rim and
     tangents are from before that.
     """
@@ -78,6 +78,7 @@ class Neighborhoods:
     rim: Array
     flatness: Array
     gap: Array
+    rods: NDArray[np.bool_]
     consistent: NDArray[np.bool_]
 
     @property
@@ -135,6 +136,7 @@ def analyse(points: Array, *, normal_neighbours: int = 16, threads: int = -1) ->
     rods = find_rods(points, out["normals"], out["spacing"], out["links"], tree, rough, threads)
     out["normals"][rods.index], out["gap"][rods.index] = rods.normals, 2 * rods.radius
     out["rim"][rods.index] = 0.0
+    out["rods"] = np.isin(np.arange(n), rods.index)
     out["normals"] = sharpened(
         points, out["normals"], out["spacing"], out["flatness"], tree,
         fixed=out["gap"] > 0, threads=threads,

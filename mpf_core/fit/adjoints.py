@@ -171,7 +171,7 @@ def _at_sample(tally, r, theta, p, of_r, of_theta, normal, oriented, weights, co
 
 
 @inline
-def _in_band(tally, r, of_r, of_theta, folds, weights, constants):
+def _in_band(tally, r, of_r, of_theta, wall, weights, constants):
     """eik_r and align at one point: r̄, ∇r's bar, ∇θ's."""
     off, of_length = _unit_length(of_r)
     tally[EIK_R] += off
@@ -179,7 +179,7 @@ def _in_band(tally, r, of_r, of_theta, folds, weights, constants):
     length_theta = math.sqrt(_dot(of_theta, of_theta) + SOFT**2)
     cosine = _dot(of_r, of_theta) / (length_r * length_theta)
     window = math.exp(-constants[2] * r)
-    if folds == 1.0:
+    if wall == 1.0:
         window *= min(_dot(of_theta, of_theta), 1.0)
     apart = window * (1.0 - abs(cosine))
     tally[ALIGN] += apart
@@ -193,11 +193,11 @@ def _in_band(tally, r, of_r, of_theta, folds, weights, constants):
 
 @compiled
 def gradients(
-    tally, y_bar, g_bar, y, g, normals, folds, first, count, oriented, weights, constants
+    tally, y_bar, g_bar, y, g, normals, walls, first, count, oriented, weights, constants
 ):
     """Samples: zero, eik_phi and normal; then points of the band: eik_r and align.
 
-    normals (count, 3); folds: of those of the band, 1 where align counts less at folds
+    normals (count, 3); walls: of those of the band, 1 where align counts less at folds
     """
     slope = constants[1]
     for i in range(y.shape[1]):
@@ -213,7 +213,7 @@ def gradients(
             )
         else:
             r_bar, r_slope_bar, theta_slope_bar = _in_band(
-                tally, r, of_r, of_theta, folds[k - count], weights, constants
+                tally, r, of_r, of_theta, walls[k - count], weights, constants
             )
         a_bar, theta_bar, more = _back(theta, p, r, gate, r_bar, p_bar, phi_bar, constants)
         y_bar[0, i] = a_bar + _dot(r_slope_bar, of_a) * slope * gate * (1.0 - gate)

@@ -28,11 +28,11 @@ class Stage:
 @dataclass(frozen=True)
 class Surface:
     """Points x (n, 3): first the samples with their normals (m, 3), then those of the band, each
-    with 1 where align counts less at `folds` (n − m,), else 0."""
+    with 1 in `walls` (n − m,) where align counts less at folds, else 0."""
 
     x: Float[Tensor, "n 3"]
     normals: Float[Tensor, "m 3"]
-    folds: Float[Tensor, " k"]
+    walls: Float[Tensor, " k"]
 
 
 @dataclass(frozen=True)
@@ -79,10 +79,9 @@ def draw(pools: Pools, options: FitOptions, stage: Stage, generator: torch.Gener
     on = pick(len(pools.surface), options.surface_points)
     near = pick(len(pools.near), options.near_points)
     walls = pools.near.walls
-    whole = options.align_folds or walls is None
-    folds = torch.zeros(len(near)) if whole or walls is None else walls[near]
+    walls = torch.zeros(len(near)) if options.align_at_folds or walls is None else walls[near]
     x = torch.cat([pools.surface[on], pools.near.x[near]])
-    surface = Surface(x, pools.normals[on], folds)
+    surface = Surface(x, pools.normals[on], walls)
     k, side = pick(len(pools.far), options.far_points), pools.far.side
     far = Space(pools.far.x[k], None if side is None else side[k])
     targets = start() if stage.regression > 0 else None

@@ -73,17 +73,18 @@ class Initialization:
     @cached_property
     def rims(self) -> NDArray[np.bool_]:
         """(n,) whether each sample is at the rim of a thin wall: where the data of one side end, or
-        beside a face across."""
+        beside a face across. Rods, which turn everywhere, have none."""
         cloud, solid = self.local.neighbours, self.bounds.solid > 0.5
+        walls = cloud.layered & ~cloud.rods
         cosine = np.einsum("nki,ni->nk", self.normals[cloud.links], self.normals)
         across = ((np.abs(cosine) < FACING) & solid[cloud.links]).any(1)
-        thin = cloud.layered | cloud.layered[cloud.links].any(1)
-        ends = cloud.layered & cloud.rim.any(1)
+        thin = walls | walls[cloud.links].any(1)
+        ends = walls & cloud.rim.any(1)
         return np.asarray(solid & (ends | (across & thin)))
 
     def normals_at(self, samples: Array, at_rims: float = 1.0) -> Array:
         """(n, 3) oriented normals at samples (n, 3) on or close to the surface: of length 1,
-        `at_rims` beside `rims`, and 0 where the samples around contradict them."""
+        `at_rims` where the nearest sample is one of `rims`, 0 where those around contradict it."""
         sure = self.local.neighbours.consistent * np.where(self.rims, at_rims, 1.0)
         if samples is self.local.neighbours.points:
             return self.normals * sure[:, None]

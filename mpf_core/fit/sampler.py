@@ -38,7 +38,7 @@ class Pool:
     """Points with what the losses need to know about them.
 
     x: (n, 3); side: (n,) +1 outside, −1 enclosed; theta, r: (n,) the classical start; walls: (n,)
-    1 at walls thinner than the samples tell by themselves. Without a warm start only x.
+    1 where the nearest sample is of a thin wall or rod, else 0. Without a warm start only x.
     """
 
     x: Float[Tensor, "n 3"]
@@ -110,9 +110,9 @@ def warm_pools(
     initialization: Initialization,
     rng: np.random.Generator,
     *,
+    rim_draws: float,
+    rim_normals: float,
     size: int = POOL,
-    rim_draws: float = 1.0,
-    rim_normals: float = 1.0,
 ) -> Pools:
     """The sets with a warm start: one pool with targets, parted at δ.
 
@@ -120,11 +120,12 @@ def warm_pools(
     rim_draws, rim_normals: as in `FitOptions`.
     """
     draws = np.where(initialization.rims, rim_draws, 1.0)
+    share = draws / draws.sum()
 
     def pick(count: int) -> Indices:
-        if not initialization.rims.any():
+        if (draws == 1).all():
             return rng.integers(len(draws), size=count)
-        return rng.choice(len(draws), size=count, p=draws / draws.sum())
+        return rng.choice(len(draws), size=count, p=share)
 
     delta = max(BAND_SPACINGS * neighbours.median_spacing, BAND_SHELLS * initialization.shell)
     parts = [int(size * share) for share in (0.30, 0.30, 0.20, 0.20)]

@@ -53,7 +53,9 @@ OPTIONS = replace(
 def pools() -> dict[str, Pools]:
     cloud = analyse(sample("cube-sheet", 2000, 0))
     rng = np.random.default_rng(0)
-    warm = warm_pools(cloud.points, cloud, initialize(cloud), rng, size=20_000)
+    warm = warm_pools(
+        cloud.points, cloud, initialize(cloud), rng, size=20_000, rim_draws=1.0, rim_normals=1.0
+    )
     unsided = replace(warm.far, side=torch.where(warm.far.x[:, 0] > 0, warm.far.side, 0.0))
     lighter = torch.where(warm.normals[:, :1] > 0, 1.0, 0.15) * warm.normals
     return {
@@ -131,7 +133,7 @@ def test_without_these_loops_nothing_is_compiled(
 @pytest.mark.parametrize("folds", [False, True])
 def test_align_at_folds(pools: dict[str, Pools], folds: bool) -> None:
     silent = {f"weight_{n}": 0.0 for n in adjoints.TERMS if n not in ("align", "regression")}
-    options = replace(OPTIONS, **silent, align_folds=folds)
+    options = replace(OPTIONS, **silent, align_at_folds=folds)
     terms, found = gradients(pools["thin walls"], options, ALL)
     with uncompiled():
         plain_terms, plain = gradients(pools["thin walls"], options, ALL)

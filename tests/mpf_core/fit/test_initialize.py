@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mpf_core.cloud.neighbors import analyse
 from mpf_core.experiments.shapes import sample
 from mpf_core.fit.initialize import SHELL, THICKEST, Initialization, half_thickness, initialize
+from tests.mpf_core.cloud.test_rods import rod
 from tests.mpf_core.fit.conftest import RADIUS
 
 Start = Callable[[str], Initialization]
@@ -134,3 +135,11 @@ def test_edges_of_a_thick_body_and_rims_of_sheets_are_none(start: Start) -> None
     assert not start("sphere").rims.any()
     assert not start("plane").rims.any()
     assert initialize(analyse(sample("cube-sheet", 4000, 0))).rims.mean() < 0.01
+
+
+def test_rods_have_no_rims() -> None:
+    """Their normals turn within a spacing everywhere, but nothing ends there."""
+    points, *_ = rod(0.02, 700)
+    cloud = analyse(points)
+    assert cloud.rods.mean() > 0.9
+    assert initialize(cloud).rims.mean() < 0.05

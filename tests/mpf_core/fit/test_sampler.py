@@ -26,8 +26,14 @@ def to_samples(cloud: Neighborhoods, x: Tensor) -> NDArray[np.float64]:
     return np.asarray(cloud.tree.query(x.numpy().astype(np.float64))[0])
 
 
-def warm(cloud: Neighborhoods, start: Initialization, seed: int = 0) -> Pools:
-    return warm_pools(cloud.points, cloud, start, np.random.default_rng(seed), size=SIZE)
+def warm(
+    cloud: Neighborhoods, start: Initialization, seed: int = 0, *, size: int = SIZE,
+    draws: float = 1.0, normals: float = 1.0,
+) -> Pools:  # fmt: skip
+    rng = np.random.default_rng(seed)
+    return warm_pools(
+        cloud.points, cloud, start, rng, size=size, rim_draws=draws, rim_normals=normals
+    )
 
 
 def test_the_papers_band_and_far_set_part_at_delta(neighbours: Make) -> None:
@@ -116,9 +122,7 @@ def test_rims_of_thin_walls_are_drawn_more_often(neighbours: Make, start: Start)
     thin.__dict__["rims"] = rim
 
     def share(draws: float) -> float:
-        pools = warm_pools(
-            cloud.points, cloud, thin, np.random.default_rng(0), size=SIZE, rim_draws=draws
-        )
+        pools = warm(cloud, thin, draws=draws)
         assert pools.start is not None
         near = pools.start.x[: int(0.6 * SIZE)].numpy().astype(np.float64)
         return float(rim[cloud.tree.query(near)[1]].mean())
@@ -126,9 +130,7 @@ def test_rims_of_thin_walls_are_drawn_more_often(neighbours: Make, start: Start)
     expected = rim.mean()
     assert share(1.0) == pytest.approx(expected, abs=0.02)
     assert share(4.0) == pytest.approx(4 * expected / (1 + 3 * expected), abs=0.02)
-    light = warm_pools(
-        cloud.points, cloud, thin, np.random.default_rng(0), size=100, rim_normals=0.15
-    )
+    light = warm(cloud, thin, size=100, normals=0.15)
     lengths = light.normals.norm(dim=1).numpy()
     assert lengths[rim] == pytest.approx(0.15)
     assert lengths[~rim] == pytest.approx(1)
