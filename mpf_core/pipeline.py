@@ -35,7 +35,7 @@ from mpf_core.field.footprint import Footprint
 from mpf_core.field.precision import products_in
 from mpf_core.fit.control import FitLog
 from mpf_core.fit.initialize import Initialization
-from mpf_core.fit.sampler import paper_pools, pool_size, warm_pools
+from mpf_core.fit.sampler import paper_pools, warm_pools
 from mpf_core.fit.trainer import fit_field
 from mpf_core.heeding import heeding
 from mpf_core.known import known_of
@@ -119,10 +119,7 @@ def _reconstructed(
     if start is None:
         pools = paper_pools(neighbours, rng, threads=threads)
     else:
-        pools = warm_pools(
-            known.points, neighbours, start, rng, size=pool_size(options.fit),
-            rim_draws=options.fit.rim_draws, rim_normals=options.fit.rim_normals,
-        )  # fmt: skip
+        pools = warm_pools(known.points, neighbours, start, options.fit, rng)
 
     box = np.stack([neighbours.points.min(0) - PADDING, neighbours.points.max(0) + PADDING])
     painted = None if cloud.colors is None else (input_tree, cloud.colors)

@@ -108,10 +108,8 @@ def timed(*, quick: bool, threads: int) -> tuple[list[Cost], dict[str, float]]:
     with workers(threads):
         cloud = analyse(sample(SHAPE, POINTS, 0), threads=threads)
         start = initialize(cloud, threads=threads)
-        pools = warm_pools(
-            cloud.points, cloud, start, np.random.default_rng(0), size=POOL,
-            rim_draws=1.0, rim_normals=1.0,
-        )  # fmt: skip
+        rng = np.random.default_rng(0)
+        pools = warm_pools(cloud.points, cloud, start, options, rng, size=POOL)
         steps: dict[tuple[str, str], Callable[[], None]] = {}
         for kind, made in (("ours", MetricPhaseField), ("plain", PlainField)):
             field = made(width=options.width, omega=first_frequency(options, pools.spacing))

@@ -108,26 +108,26 @@ def warm_pools(
     samples: Array,
     neighbours: Neighborhoods,
     initialization: Initialization,
+    options: FitOptions,
     rng: np.random.Generator,
     *,
-    rim_draws: float,
-    rim_normals: float,
-    size: int = POOL,
+    size: int | None = None,
 ) -> Pools:
     """The sets with a warm start: one pool with targets, parted at δ.
 
     samples: (n, 3) where the surface terms are asked for; `neighbours` may be of a thinned cloud.
-    rim_draws, rim_normals: as in `FitOptions`.
+    size: `pool_size` if not given.
     """
-    draws = np.where(initialization.rims, rim_draws, 1.0)
-    share = draws / draws.sum()
+    draws = np.where(initialization.rims, options.rim_draws, 1.0)
+    chances = None if (draws == 1).all() else draws / draws.sum()
 
     def pick(count: int) -> Indices:
-        if (draws == 1).all():
+        if chances is None:
             return rng.integers(len(draws), size=count)
-        return rng.choice(len(draws), size=count, p=share)
+        return rng.choice(len(draws), size=count, p=chances)
 
     delta = max(BAND_SPACINGS * neighbours.median_spacing, BAND_SHELLS * initialization.shell)
+    size = pool_size(options) if size is None else size
     parts = [int(size * share) for share in (0.30, 0.30, 0.20, 0.20)]
     x = np.concatenate(
         [
@@ -155,7 +155,7 @@ def warm_pools(
     uniform = torch.arange(len(x)) >= len(x) - parts[3]
     return Pools(
         surface=_tensor(samples),
-        normals=_tensor(initialization.normals_at(samples, rim_normals)),
+        normals=_tensor(initialization.normals_at(samples, options.rim_normals)),
         near=_where(start, ~outside_band & (start.r > 0)),
         far=_where(start, outside_band),
         ambient=_where(start, outside_band & uniform),

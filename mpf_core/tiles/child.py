@@ -21,7 +21,7 @@ from mpf_core.field.precision import products_in
 from mpf_core.files import write_atomically
 from mpf_core.fit.inherited import faced, inherited
 from mpf_core.fit.initialize import Facing, Initialization
-from mpf_core.fit.sampler import pool_size, warm_pools
+from mpf_core.fit.sampler import warm_pools
 from mpf_core.fit.trainer import FEWEST, fit_field
 from mpf_core.heeding import heeding
 from mpf_core.known import Known, known_of
@@ -137,10 +137,7 @@ def _fitted(
     if start is None:
         raise FitError("tiles cannot be fitted without a warm start", advice="Set warm_start.")
     rng = np.random.default_rng(options.seed)
-    pools = warm_pools(
-        known.points, neighbours, start, rng, size=pool_size(options.fit),
-        rim_draws=options.fit.rim_draws, rim_normals=options.fit.rim_normals,
-    )  # fmt: skip
+    pools = warm_pools(known.points, neighbours, start, options.fit, rng)
     spacing = tile.similarity.length_to_normalised(tile.spacing)
     footprint = Footprint.of(
         samples, spacing=spacing, reach=neighbours.median_spacing, thickness=shell_of(start)

@@ -53,9 +53,7 @@ OPTIONS = replace(
 def pools() -> dict[str, Pools]:
     cloud = analyse(sample("cube-sheet", 2000, 0))
     rng = np.random.default_rng(0)
-    warm = warm_pools(
-        cloud.points, cloud, initialize(cloud), rng, size=20_000, rim_draws=1.0, rim_normals=1.0
-    )
+    warm = warm_pools(cloud.points, cloud, initialize(cloud), OPTIONS, rng, size=20_000)
     unsided = replace(warm.far, side=torch.where(warm.far.x[:, 0] > 0, warm.far.side, 0.0))
     lighter = torch.where(warm.normals[:, :1] > 0, 1.0, 0.15) * warm.normals
     return {
@@ -87,17 +85,22 @@ def assert_alike(ours: dict[str, Tensor], others: dict[str, Tensor], share: floa
         assert float((one - others[name]).norm()) < share * scale, name
 
 
+def assert_as_by_autograd(pools: Pools, options: FitOptions, stage: Stage) -> dict[str, Tensor]:
+    """The terms and their gradients by hand are autograd's; returns the terms."""
+    terms, found = gradients(pools, options, stage)
+    with uncompiled():
+        plain_terms, plain = gradients(pools, options, stage)
+    assert_alike(terms, plain_terms, 1e-5)
+    assert_alike(found, plain, 3e-4)
+    return terms
+
+
 @pytest.mark.parametrize("composite", COMPOSITES)
 @pytest.mark.parametrize("stage", [ALONE, FADING, WITHOUT, ALL])
 def test_a_step_by_hand_is_that_of_autograd(
     pools: dict[str, Pools], composite: str, stage: Stage
 ) -> None:
-    options = replace(OPTIONS, composite=composite)
-    terms, found = gradients(pools["warm"], options, stage)
-    with uncompiled():
-        plain_terms, plain = gradients(pools["warm"], options, stage)
-    assert_alike(terms, plain_terms, 1e-5)
-    assert_alike(found, plain, 3e-4)
+    assert_as_by_autograd(pools["warm"], replace(OPTIONS, composite=composite), stage)
 
 
 def test_blocks_do_not_matter(pools: dict[str, Pools], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,22 +137,14 @@ def test_without_these_loops_nothing_is_compiled(
 def test_align_at_folds(pools: dict[str, Pools], folds: bool) -> None:
     silent = {f"weight_{n}": 0.0 for n in adjoints.TERMS if n not in ("align", "regression")}
     options = replace(OPTIONS, **silent, align_at_folds=folds)
-    terms, found = gradients(pools["thin walls"], options, ALL)
-    with uncompiled():
-        plain_terms, plain = gradients(pools["thin walls"], options, ALL)
-    assert_alike(terms, plain_terms, 1e-5)
-    assert_alike(found, plain, 3e-4)
+    terms = assert_as_by_autograd(pools["thin walls"], options, ALL)
     whole, _ = gradients(pools["warm"], options, ALL)
     assert torch.equal(terms["align"], whole["align"]) == folds
 
 
 @pytest.mark.parametrize("kind", ["sides in part unknown", "normals in part lighter", "paper"])
 def test_sides_and_normals_may_be_unknown_or_count_less(pools: dict[str, Pools], kind: str) -> None:
-    terms, found = gradients(pools[kind], OPTIONS, ALL)
-    with uncompiled():
-        plain_terms, plain = gradients(pools[kind], OPTIONS, ALL)
-    assert_alike(terms, plain_terms, 1e-5)
-    assert_alike(found, plain, 3e-4)
+    assert_as_by_autograd(pools[kind], OPTIONS, ALL)
 
 
 @pytest.mark.parametrize("name", [n for n in adjoints.TERMS if n != "regression"])
@@ -190,8 +185,8 @@ def test_a_point_where_nothing_is_known_of_the_field_does_no_harm() -> None:
     y, g = np.zeros((2, 4), np.float32), np.zeros((2, 4, 3), np.float32)
     y_bar, g_bar = np.full_like(y, np.nan), np.full_like(g, np.nan)
     normals = np.zeros((2, 3), np.float32)
-    folds = np.zeros(2, np.float32)
-    adjoints.gradients(tally, y_bar, g_bar, y, g, normals, folds, 0, 2, 1, weights, constants)
+    walls = np.ones(2, np.float32)
+    adjoints.gradients(tally, y_bar, g_bar, y, g, normals, walls, 0, 2, 1, weights, constants)
     assert np.isfinite(tally).all() and np.isfinite(y_bar).all() and np.isfinite(g_bar).all()
 
 

@@ -15,6 +15,7 @@ from mpf_core.cloud.neighbors import Neighborhoods, analyse
 from mpf_core.experiments.shapes import sample
 from mpf_core.fit.initialize import Initialization, initialize
 from mpf_core.fit.sampler import BOX, Pools, paper_pools, warm_pools
+from mpf_core.fit_options import FitOptions
 from tests.mpf_core.fit.conftest import RADIUS
 
 Make = Callable[[str], Neighborhoods]
@@ -30,10 +31,8 @@ def warm(
     cloud: Neighborhoods, start: Initialization, seed: int = 0, *, size: int = SIZE,
     draws: float = 1.0, normals: float = 1.0,
 ) -> Pools:  # fmt: skip
-    rng = np.random.default_rng(seed)
-    return warm_pools(
-        cloud.points, cloud, start, rng, size=size, rim_draws=draws, rim_normals=normals
-    )
+    options = FitOptions(rim_draws=draws, rim_normals=normals)
+    return warm_pools(cloud.points, cloud, start, options, np.random.default_rng(seed), size=size)
 
 
 def test_the_papers_band_and_far_set_part_at_delta(neighbours: Make) -> None:
@@ -117,7 +116,7 @@ def test_the_band_knows_thin_walls(shape: str, least: float, most: float) -> Non
 
 def test_rims_of_thin_walls_are_drawn_more_often(neighbours: Make, start: Start) -> None:
     cloud, body = neighbours("sphere"), start("sphere")
-    rim = cloud.points[:, 2] > 0.4  # a tenth of them
+    rim = cloud.points[:, 2] > 0.4  # more than a quarter of them
     thin = replace(body)
     thin.__dict__["rims"] = rim
 

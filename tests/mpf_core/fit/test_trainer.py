@@ -45,7 +45,7 @@ def pools() -> Pools:
     cloud = analyse(sphere(300, 0.9), threads=1)
     start = initialize(cloud, threads=1)
     rng = np.random.default_rng(0)
-    return warm_pools(cloud.points, cloud, start, rng, size=3000, rim_draws=1.0, rim_normals=1.0)
+    return warm_pools(cloud.points, cloud, start, FitOptions(), rng, size=3000)
 
 
 def tiny(**changes: Any) -> FitOptions:

@@ -84,7 +84,7 @@ def made(points: Array, **changes: Any) -> Scene:
     plan = split_file(cloud, base / "plan", options)
     fields = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mpf_core.tiles.child.pool_size", lambda _: POOL)
+        patch.setattr("mpf_core.fit.sampler.pool_size", lambda _: POOL)
         for index, name in enumerate(plan.files):
             fit_tile_file(base / "plan" / name, base / str(index), options)
             fields.append(base / str(index) / "field.safetensors")

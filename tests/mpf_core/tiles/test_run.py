@@ -25,7 +25,7 @@ TINY |= {"fidelity": "off", "tile_points": 400}
 
 @pytest.fixture(autouse=True)
 def _small_pools(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mpf_core.tiles.child.pool_size", lambda _: POOL // 4)
+    monkeypatch.setattr("mpf_core.fit.sampler.pool_size", lambda _: POOL // 4)
 
 
 @pytest.fixture
