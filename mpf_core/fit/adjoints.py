@@ -193,11 +193,11 @@ def _in_band(tally, r, of_r, of_theta, wall, weights, constants):
 
 @compiled
 def gradients(
-    tally, y_bar, g_bar, y, g, normals, walls, first, count, oriented, weights, constants
+    tally, y_bar, g_bar, y, g, normals, layered, first, count, oriented, weights, constants
 ):
     """Samples: zero, eik_phi and normal; then points of the band: eik_r and align.
 
-    normals (count, 3); walls: of those of the band, 1 where align counts less at folds
+    normals (count, 3); layered: of those of the band, 1 where align counts less at folds
     """
     slope = constants[1]
     for i in range(y.shape[1]):
@@ -213,7 +213,7 @@ def gradients(
             )
         else:
             r_bar, r_slope_bar, theta_slope_bar = _in_band(
-                tally, r, of_r, of_theta, walls[k - count], weights, constants
+                tally, r, of_r, of_theta, layered[k - count], weights, constants
             )
         a_bar, theta_bar, more = _back(theta, p, r, gate, r_bar, p_bar, phi_bar, constants)
         y_bar[0, i] = a_bar + _dot(r_slope_bar, of_a) * slope * gate * (1.0 - gate)

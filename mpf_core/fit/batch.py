@@ -28,11 +28,11 @@ class Stage:
 @dataclass(frozen=True)
 class Surface:
     """Points x (n, 3): first the samples with their normals (m, 3), then those of the band, each
-    with 1 in `walls` (n − m,) where align counts less at folds, else 0."""
+    with 1 in `layered` (n − m,) where align counts less at folds, else 0."""
 
     x: Float[Tensor, "n 3"]
     normals: Float[Tensor, "m 3"]
-    walls: Float[Tensor, " k"]
+    layered: Float[Tensor, " k"]
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,10 @@ def draw(pools: Pools, options: FitOptions, stage: Stage, generator: torch.Gener
         return Batch(start=start())
     on = pick(len(pools.surface), options.surface_points)
     near = pick(len(pools.near), options.near_points)
-    walls = pools.near.walls
-    walls = torch.zeros(len(near)) if options.align_at_folds or walls is None else walls[near]
+    layered = pools.near.layered
+    layered = torch.zeros(len(near)) if options.align_at_folds or layered is None else layered[near]
     x = torch.cat([pools.surface[on], pools.near.x[near]])
-    surface = Surface(x, pools.normals[on], walls)
+    surface = Surface(x, pools.normals[on], layered)
     k, side = pick(len(pools.far), options.far_points), pools.far.side
     far = Space(pools.far.x[k], None if side is None else side[k])
     targets = start() if stage.regression > 0 else None

@@ -45,8 +45,8 @@ def fingerprint(pools: Pools, options: FitOptions, seed: int, threads: int) -> s
     settings.pop("time_budget")
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
     parts = [pools.surface, pools.normals, pools.near.x[:10_000], pools.far.x[:10_000]]
-    if pools.near.walls is not None:
-        parts.append(pools.near.walls[:10_000])
+    if pools.near.layered is not None:
+        parts.append(pools.near.layered[:10_000])
     for part in parts:
         digest.update(part.numpy().tobytes())
     return digest.hexdigest()

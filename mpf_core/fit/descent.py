@@ -89,13 +89,13 @@ def _parts(batch: Batch, weights: Tally, constants: Tally, oriented: bool) -> li
     parts = []
     if batch.surface is not None:
         surface = batch.surface
-        normals, walls = array_of(surface.normals), array_of(surface.walls)
+        normals, layered = array_of(surface.normals), array_of(surface.layered)
 
         def on_surface(outputs: Tensors, rows: slice, tally: Tally) -> Tensors:
             y_bar, g_bar = bars = tuple(torch.empty_like(one) for one in outputs)
             y, g = map(array_of, outputs)
             adjoints.gradients(
-                tally, array_of(y_bar), array_of(g_bar), y, g, normals, walls, rows.start,
+                tally, array_of(y_bar), array_of(g_bar), y, g, normals, layered, rows.start,
                 len(normals), int(oriented), weights, constants,
             )  # fmt: skip
             return bars

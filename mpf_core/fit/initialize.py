@@ -41,13 +41,13 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Targets:
     """What the fit starts from at n points: θ*, r* ≥ 0, and the side (+1 outside, −1 enclosed,
-    0 not known), all (n,) float32; and whether the nearest sample is on one side of a thin wall,
+    0 not known), all (n,) float32; and whether the nearest sample is of a thin wall or rod,
     (n,)."""
 
     theta: NDArray[np.float32]
     r: NDArray[np.float32]
     side: NDArray[np.float32]
-    walls: NDArray[np.bool_]
+    layered: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,9 @@ class Initialization:
         theta += share * (distance - theta)
         r += share * (near.nearest - r)
         side = np.where(label == INSIDE, -1, np.where(label == OUTSIDE, 1, 0))
-        walls = self.local.neighbours.layered[near.first]
+        layered = self.local.neighbours.layered[near.first]
         return Targets(
-            theta.astype(np.float32), r.astype(np.float32), side.astype(np.float32), walls
+            theta.astype(np.float32), r.astype(np.float32), side.astype(np.float32), layered
         )
 
     def _body(self, near: LocalDistance, label: NDArray[np.int8], r: Array) -> Array:

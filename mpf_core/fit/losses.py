@@ -27,22 +27,22 @@ def zero_loss(fields: FieldJets) -> Scalar:
 
 
 def align_loss(
-    r: Jet, theta: Jet, alpha: float, walls: Float[Tensor, " n"] | None = None
+    r: Jet, theta: Jet, alpha: float, layered: Float[Tensor, " n"] | None = None
 ) -> Scalar:
     """Near-surface agreement of the directions of ∇r and ∇θ, blind to orientation (eq. align).
 
     Weighted by exp(−α·r), so that only a narrow band around the samples counts. The weight takes
     part in the derivative: where θ must fold, between the two walls of a shell, r may rise and
     release the term. Held fixed, it drives the second wall away from the first. Where
-    `walls` is 1, not 0, it is also weighted by |∇θ|² if that is below 1, which is held fixed: there
-    θ folds and has no direction, and the gradients of what it has instead are noise.
+    `layered` is 1, not 0, it is also weighted by |∇θ|² if that is below 1, which is held fixed:
+    there θ folds and has no direction, and the gradients of what it has instead are noise.
     """
     of_theta = _gradient(theta)
     cosine = (_direction(_gradient(r)) * _direction(of_theta)).sum(1)  # (n,)
     window = torch.exp(-alpha * r.value)
-    if walls is not None:
+    if layered is not None:
         steep = of_theta.detach().square().sum(1).clamp(max=1)
-        window = window * torch.where(walls == 1, steep, 1.0)
+        window = window * torch.where(layered == 1, steep, 1.0)
     return (window * (1 - cosine.abs())).mean()
 
 

@@ -121,7 +121,9 @@ class Objective:
             "eik_phi": losses.interface_eikonal_loss(surface.phi, surface.theta),
         }
         if stage.align:
-            terms["align"] = losses.align_loss(band.r, band.theta, self.options.alpha, points.walls)
+            terms["align"] = losses.align_loss(
+                band.r, band.theta, self.options.alpha, points.layered
+            )
         if stage.normal:
             terms["normal"] = losses.normal_loss(
                 surface.phi, points.normals, oriented=self._oriented

@@ -37,7 +37,7 @@ Indices = NDArray[np.int64]
 class Pool:
     """Points with what the losses need to know about them.
 
-    x: (n, 3); side: (n,) +1 outside, −1 enclosed; theta, r: (n,) the classical start; walls: (n,)
+    x: (n, 3); side: (n,) +1 outside, −1 enclosed; theta, r: (n,) the classical start; layered: (n,)
     1 where the nearest sample is of a thin wall or rod, else 0. Without a warm start only x.
     """
 
@@ -45,7 +45,7 @@ class Pool:
     side: Float[Tensor, " n"] | None = None
     theta: Float[Tensor, " n"] | None = None
     r: Float[Tensor, " n"] | None = None
-    walls: Float[Tensor, " n"] | None = None
+    layered: Float[Tensor, " n"] | None = None
 
     def __len__(self) -> int:
         return len(self.x)
@@ -148,7 +148,7 @@ def warm_pools(
         _tensor(np.concatenate([np.sign(t.theta) for t in targets])),
         _tensor(np.concatenate([t.theta for t in targets])),
         _tensor(np.concatenate([t.r for t in targets])),
-        _tensor(np.concatenate([t.walls for t in targets])),
+        _tensor(np.concatenate([t.layered for t in targets])),
     )
     assert start.r is not None and start.side is not None
     outside_band = start.r >= delta
@@ -171,8 +171,8 @@ def _tensor(values: NDArray[np.generic]) -> Tensor:
 
 def _where(pool: Pool, mask: Tensor) -> Pool:
     assert pool.side is not None and pool.theta is not None and pool.r is not None
-    assert pool.walls is not None
-    return Pool(pool.x[mask], pool.side[mask], pool.theta[mask], pool.r[mask], pool.walls[mask])
+    assert pool.layered is not None
+    return Pool(pool.x[mask], pool.side[mask], pool.theta[mask], pool.r[mask], pool.layered[mask])
 
 
 def _uniform(count: int, rng: np.random.Generator) -> Array:

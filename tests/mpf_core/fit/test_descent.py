@@ -59,7 +59,9 @@ def pools() -> dict[str, Pools]:
     return {
         "warm": warm,
         "normals in part lighter": replace(warm, normals=lighter),
-        "thin walls": replace(warm, near=replace(warm.near, walls=(warm.near.x[:, 0] > 0).float())),
+        "thin walls": replace(
+            warm, near=replace(warm.near, layered=(warm.near.x[:, 0] > 0).float())
+        ),
         "sides in part unknown": replace(warm, far=unsided),
         "paper": paper_pools(cloud, rng, size=20_000),
     }
@@ -185,8 +187,8 @@ def test_a_point_where_nothing_is_known_of_the_field_does_no_harm() -> None:
     y, g = np.zeros((2, 4), np.float32), np.zeros((2, 4, 3), np.float32)
     y_bar, g_bar = np.full_like(y, np.nan), np.full_like(g, np.nan)
     normals = np.zeros((2, 3), np.float32)
-    walls = np.ones(2, np.float32)
-    adjoints.gradients(tally, y_bar, g_bar, y, g, normals, walls, 0, 2, 1, weights, constants)
+    layered = np.ones(2, np.float32)
+    adjoints.gradients(tally, y_bar, g_bar, y, g, normals, layered, 0, 2, 1, weights, constants)
     assert np.isfinite(tally).all() and np.isfinite(y_bar).all() and np.isfinite(g_bar).all()
 
 

@@ -109,9 +109,9 @@ def test_the_seed_decides(neighbours: Make, start: Start) -> None:
 @pytest.mark.parametrize(("shape", "least", "most"), [("plate-0.01", 0.9, 1), ("torus", 0, 0)])
 def test_the_band_knows_thin_walls(shape: str, least: float, most: float) -> None:
     cloud = analyse(sample(shape, 3000, 0))
-    walls = warm(cloud, initialize(cloud)).near.walls
-    assert walls is not None
-    assert least <= walls.mean() <= most
+    layered = warm(cloud, initialize(cloud)).near.layered
+    assert layered is not None
+    assert least <= layered.mean() <= most
 
 
 def test_rims_of_thin_walls_are_drawn_more_often(neighbours: Make, start: Start) -> None:
