@@ -10,6 +10,7 @@ scatter cannot tell from the field's own surface is left to the field.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,7 +32,10 @@ from mpf_core.surface.patches import NEIGHBOURS, Patches, patches_of, pull
 from mpf_core.surface.takeback import MOST_FACES, Motion, allowed_share
 
 STEPS = 2  # moves onto the surface; the second is already a tenth of the first
-FARTHEST = 1.0  # local spacings that a vertex moves at most, and thicknesses of the field's shell
+ROUNDS = 2  # a third gains a tenth of what the second does
+FARTHEST = (
+    1.0  # local spacings that a vertex moves in a round, and thicknesses of the field's shell
+)
 SETTLED = 0.99  # trust from which a vertex is taken to reach the data
 LEAST_GAIN = 0.1  # of the step's length justified by the data, below which it is not taken
 PROBES = 20_000  # vertices at which the thickness is measured
@@ -156,8 +160,11 @@ def follow_data(
     """
     patches = patches_of(cloud, normals, sheet, thickness, threads)
     data = Data(patches.deviation, patches.kernel * cloud.median_spacing, shell)
-    aim = aim_at(patches, vertices, directions, threads)
-    return follow(vertices, faces, directions, aim, data, threads)
+
+    def aim_of(x: Array) -> Aim:
+        return aim_at(patches, x, directions, threads)
+
+    return follow(vertices, faces, directions, aim_of, data, threads)
 
 
 @dataclass(frozen=True)
@@ -174,13 +181,55 @@ def follow(
     vertices: Array,
     faces: Indices,
     directions: Array,
-    aim: Aim,
+    aim_of: Callable[[Array], Aim],
     data: Data,
     threads: int = -1,
 ) -> Moved:
-    """Move `vertices` (v, 3) as far towards their `aim` as noise and triangles allow."""
+    """Move `vertices` (v, 3) as far towards their aim as noise and triangles allow; `aim_of` says
+    where that is from other places (v, 3).
+
+    What has to stay back is given another round from where all then are: the others have made way,
+    and a second wall sees its own data from near. Raises Late if the first round is.
+    """
+    last = _round(vertices, faces, aim_of(vertices), data, threads)
+    gain, share = last.gain, last.share
+    for _ in range(ROUNDS - 1):
+        if (last.share == 1).all():
+            break
+        try:
+            last = _round(last.vertices, faces, aim_of(last.vertices), data, threads)
+        except Late:
+            break
+        share = 1 - (1 - share) * (1 - last.share)
+    length = np.linalg.norm(last.vertices - vertices, axis=1)
+    return Moved(
+        vertices=last.vertices,
+        normals=_normals(last.aim, gain * share, directions),
+        applied=bool(length.any()),
+        gain=gain,
+        bandwidth=data.bandwidth,
+        deviation=data.deviation,
+        mean=float(length.mean()),
+        largest=float(length.max()),
+        taken_back=int((last.share < 1)[faces].any(1).sum()),
+        thickness=_thickness(last.vertices, faces, last.aim.front),
+    )
+
+
+@dataclass(frozen=True)
+class Round:
+    """Where the vertices (v, 3) have come to, the `aim` they had, the `gain` that the data's noise
+    left, and the `share` (v,) of the way that triangles left of that."""
+
+    vertices: Array
+    aim: Aim
+    gain: float
+    share: Array
+
+
+def _round(vertices: Array, faces: Indices, aim: Aim, data: Data, threads: int) -> Round:
     gain = _gain(aim, data.deviation)
-    step = _shared(aim, vertices, gain, threads) if gain < 1 else aim.step
+    step = _shared(aim, vertices, gain, threads) if gain < 1 else aim.step.copy()
     length = np.linalg.norm(step, axis=1)
     reach = FARTHEST * np.maximum(aim.spacing, data.shell)
     step *= np.minimum(1.0, reach / np.maximum(length, 1e-300))[:, None]
@@ -189,21 +238,7 @@ def follow(
     settled = (aim.trust > SETTLED) & (length <= reach)
     motion = Motion(vertices, faces, step, aim.outward, settled, aim.back)
     share = allowed_share(motion) if step.any() else np.ones(len(vertices))
-    moved = motion.at(share).vertices
-    length = np.linalg.norm(moved - vertices, axis=1)
-    applied = bool(length.any())
-    return Moved(
-        vertices=moved,
-        normals=_normals(aim, gain * share, directions),
-        applied=applied,
-        gain=gain,
-        bandwidth=data.bandwidth,
-        deviation=data.deviation,
-        mean=float(length.mean()),
-        largest=float(length.max()),
-        taken_back=int((share < 1)[faces].any(1).sum()),
-        thickness=_thickness(moved, faces, aim.front),
-    )
+    return Round(motion.at(share).vertices, aim, gain, share)
 
 
 def sheets_of(bounds: Sides) -> NDArray[np.int8]:

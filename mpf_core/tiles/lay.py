@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,30 +40,39 @@ def onto_patches(
     assert mesh.normals is not None
     begin, whole = clock(), blend.similarity
     vertices = whole.to_normalised(mesh.vertices)
-    aim, deviation, bandwidth = _aims(vertices, mesh, blend, files, threads)
+    deviation, bandwidth = _fits(blend, files)
     data = Data(deviation, bandwidth, 2 * whole.length_to_normalised(shell))
-    moved = follow(vertices, mesh.faces, mesh.normals, aim, data, threads)
+    aim_of = partial(_aims, directions=mesh.normals, blend=blend, files=files, threads=threads)
+    moved = follow(vertices, mesh.faces, mesh.normals, aim_of, data, threads)
     return taken(mesh, moved, whole, clock() - begin)
 
 
-def _aims(
-    vertices: NDArray[np.float64], mesh: Mesh, blend: BlendedField, files: list[Path], threads: int
-) -> tuple[Aim, float, float]:
-    """Σ wᵢ of the tiles' aims; and their fits' standard error and bandwidth, by medians. One
-    tile's patches are in memory at a time."""
-    count = len(vertices)
-    assert mesh.normals is not None
-    sums = {name: np.zeros((count, 3) if k < 2 else count) for k, name in enumerate(SUMMED)}
+def _fits(blend: BlendedField, files: list[Path]) -> tuple[float, float]:
+    """Standard error and bandwidth of the tiles' local fits, in the whole's frame, by medians."""
     errors, widths = [], []
+    for tile, file in zip(blend.tiles, files, strict=True):
+        found, unit = read_patches(file), blend.similarity.scale / tile.similarity.scale
+        errors.append(found.patches.deviation * unit)
+        widths.append(found.patches.kernel * found.median_spacing * unit)
+    return float(np.median(errors)), float(np.median(widths))
+
+
+def _aims(
+    vertices: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    blend: BlendedField,
+    files: list[Path],
+    threads: int,
+) -> Aim:
+    """Σ wᵢ of the tiles' aims. One tile's patches are in memory at a time."""
+    count = len(vertices)
+    sums = {name: np.zeros((count, 3) if k < 2 else count) for k, name in enumerate(SUMMED)}
     for share in blend.partition.shares(vertices):
         own = blend.tiles[share.tile].similarity
-        found = in_frame(read_patches(files[share.tile]), own, blend.similarity)
-        patches = found.patches
-        aim = aim_at(patches, vertices[share.rows], mesh.normals[share.rows], threads)
+        patches = in_frame(read_patches(files[share.tile]), own, blend.similarity).patches
+        aim = aim_at(patches, vertices[share.rows], directions[share.rows], threads)
         for name, total in sums.items():
             part = getattr(aim, name)
             weight = share.weights if part.ndim == 1 else share.weights[:, None]
             total[share.rows] += weight * part
-        errors.append(patches.deviation)
-        widths.append(patches.kernel * found.median_spacing)
-    return Aim(**sums), float(np.median(errors)), float(np.median(widths))
+    return Aim(**sums)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from mpf_core.cloud.neighbors import analyse
 from mpf_core.cloud.normalize import Similarity
+from mpf_core.heeding import Late
 from mpf_core.options import DataOptions, SurfaceOptions
 from mpf_core.quality.topology import topology
 from mpf_core.surface import coarsen, fidelity
@@ -150,6 +152,39 @@ def test_the_walls_of_a_shell_keep_their_sides() -> None:
     median, least = moved.thickness
     assert median == pytest.approx(0.01, abs=1e-3)
     assert 0 < least <= median
+
+
+def test_what_stayed_back_goes_on_in_a_second_round(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = shell()
+    off = []
+    for rounds in (1, 2):
+        monkeypatch.setattr(fidelity, "ROUNDS", rounds)
+        moved = given.moved(sheet=True, thickness=0.0)  # so that the walls are in each other's way
+        unharmed(given, moved)
+        assert moved.taken_back > 0
+        off.append(np.abs(across(moved.vertices)).mean())
+    assert off[1] < 0.5 * off[0]
+
+
+def test_a_second_round_that_comes_too_late_leaves_the_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given, asked = shell(), []
+    whole = fidelity.aim_at
+
+    def once(*arguments: Any) -> fidelity.Aim:
+        asked.append(arguments)
+        if len(asked) == 2:
+            raise Late
+        return whole(*arguments)
+
+    monkeypatch.setattr(fidelity, "aim_at", once)
+    late = given.moved(sheet=True, thickness=0.0)
+    monkeypatch.setattr(fidelity, "ROUNDS", 1)
+    alone = given.moved(sheet=True, thickness=0.0)
+    assert len(asked) == 3
+    assert np.array_equal(late.vertices, alone.vertices)
+    assert np.array_equal(late.normals, alone.normals)
 
 
 def test_the_faces_of_a_thin_plate_do_not_meet() -> None:
