@@ -11,6 +11,7 @@ import importlib.metadata
 import json
 import os
 import platform
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -37,7 +38,8 @@ from mpf_core.surface.mesh import Mesh
 
 Row = dict[str, Any]
 FITS = ("mpf", "course", "process")  # methods that are reconstructions: whole, watched, apart
-SCANS = (".xyz", ".txt", ".pts")
+SCANS = (".xyz", ".txt", ".pts", ".ply")
+HEADER = 65_536  # bytes within which that of a PLY file ends
 _LIBRARIES = ("numpy", "scipy", "torch", "libigl")
 
 
@@ -77,7 +79,9 @@ class Trial:
     @property
     def is_scan(self) -> bool:
         """Whether the cloud is measured, so that no exact surface is known."""
-        return Path(self.shape).suffix.lower() in SCANS
+        path = Path(self.shape)
+        kind = path.suffix.lower()
+        return kind in SCANS and not (kind == ".ply" and _has_triangles(path))
 
     def cloud(self) -> NDArray[np.float64]:
         """(n, 3) points in the shape's normalised frame."""
@@ -191,6 +195,13 @@ def machine() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
     return found
+
+
+def _has_triangles(path: Path) -> bool:
+    """Whether the header of a PLY file names faces."""
+    with path.open("rb") as file:
+        header = file.read(HEADER).partition(b"end_header")[0]
+    return re.search(rb"^element\s+face\s+0*[1-9]", header, re.MULTILINE) is not None
 
 
 def _executed(trial: Trial, directory: Path, method: Method, samples: int) -> Row:

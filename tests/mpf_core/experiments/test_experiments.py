@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 from numpy.typing import NDArray
 
+from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.errors import NoSurface
 from mpf_core.experiments import ablation, presets, running, suite, tables, trial
 from mpf_core.experiments.asked import Asked
@@ -17,6 +18,7 @@ from mpf_core.experiments.cli import EXPERIMENTS, experiment
 from mpf_core.experiments.shapes import SHAPES, shape
 from mpf_core.experiments.trial import METHODS, Outcome, Trial
 from mpf_core.options import options_from, options_to_mapping
+from mpf_core.surface.export import cloud_ply_bytes, write_ply
 from mpf_core.surface.mesh import Mesh
 
 Points = NDArray[np.float64]
@@ -75,6 +77,19 @@ def test_a_scan_is_measured_by_its_own_points(tmp_path: Path) -> None:
     assert row["metrics"]["alone_farthest_component"] < 1
     assert "chamfer" not in row["metrics"]
     assert "input to surface" in tables.markdown("Scans", [row], {}, "mpf")
+
+
+def test_a_ply_without_triangles_is_a_scan(tmp_path: Path) -> None:
+    body = shape("sphere")
+    cloud, mesh = tmp_path / "cloud.ply", tmp_path / "mesh.ply"
+    cloud.write_bytes(cloud_ply_bytes(PointCloud(body.vertices), []))
+    write_ply(body, mesh)
+    own = suite.trials("shapes", Asked(clouds=tmp_path))
+    assert [(Path(t.shape).name, t.is_scan) for t in own] == [
+        ("cloud.ply", True),
+        ("mesh.ply", False),
+    ]
+    assert [len(t.cloud()) for t in own] == [len(body.vertices), 100_000]
 
 
 def test_keys_tell_trials_apart() -> None:
