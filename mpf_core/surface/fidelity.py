@@ -189,15 +189,17 @@ def follow(
     where that is from other places (v, 3).
 
     What has to stay back is given another round from where all then are: the others have made way,
-    and a second wall sees its own data from near. Raises Late if the first round is.
+    and a second wall sees its own data from near. None goes farther then than it had left: beside a
+    seam, data seen from elsewhere lead off. Raises Late if the first round is.
     """
-    last = _round(vertices, faces, aim_of(vertices), data, threads)
+    way = np.full(len(vertices), np.inf)
+    last = _round(vertices, faces, aim_of(vertices), way, data, threads)
     gain, share = last.gain, last.share
     for _ in range(ROUNDS - 1):
         if (last.share == 1).all():
             break
         try:
-            last = _round(last.vertices, faces, aim_of(last.vertices), data, threads)
+            last = _round(last.vertices, faces, aim_of(last.vertices), last.left, data, threads)
         except Late:
             break
         share = 1 - (1 - share) * (1 - last.share)
@@ -219,26 +221,31 @@ def follow(
 @dataclass(frozen=True)
 class Round:
     """Where the vertices (v, 3) have come to, the `aim` they had, the `gain` that the data's noise
-    left, and the `share` (v,) of the way that triangles left of that."""
+    left, the `share` (v,) that triangles left of a step, and the length (v,) that is `left`."""
 
     vertices: Array
     aim: Aim
     gain: float
     share: Array
+    left: Array
 
 
-def _round(vertices: Array, faces: Indices, aim: Aim, data: Data, threads: int) -> Round:
+def _round(
+    vertices: Array, faces: Indices, aim: Aim, most: Array, data: Data, threads: int
+) -> Round:
+    """One round, in which each vertex goes `most` (v,) at most."""
     gain = _gain(aim, data.deviation)
     step = _shared(aim, vertices, gain, threads) if gain < 1 else aim.step.copy()
     length = np.linalg.norm(step, axis=1)
-    reach = FARTHEST * np.maximum(aim.spacing, data.shell)
+    reach = np.minimum(FARTHEST * np.maximum(aim.spacing, data.shell), most)
     step *= np.minimum(1.0, reach / np.maximum(length, 1e-300))[:, None]
     if gain < LEAST_GAIN and not aim.back.any():
         step[:] = 0.0
     settled = (aim.trust > SETTLED) & (length <= reach)
     motion = Motion(vertices, faces, step, aim.outward, settled, aim.back)
     share = allowed_share(motion) if step.any() else np.ones(len(vertices))
-    return Round(motion.at(share).vertices, aim, gain, share)
+    left = length - share * np.minimum(length, reach)
+    return Round(motion.at(share).vertices, aim, gain, share, left)
 
 
 def sheets_of(bounds: Sides) -> NDArray[np.int8]:

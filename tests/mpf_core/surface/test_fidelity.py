@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -185,6 +185,22 @@ def test_a_second_round_that_comes_too_late_leaves_the_first(
     assert len(asked) == 3
     assert np.array_equal(late.vertices, alone.vertices)
     assert np.array_equal(late.normals, alone.normals)
+
+
+def test_a_second_round_goes_no_farther_than_was_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    given, aims = shell(), []
+    whole = fidelity.aim_at
+
+    def astray(*arguments: Any) -> fidelity.Aim:
+        aim = whole(*arguments)
+        aims.append(aim)
+        return aim if len(aims) == 1 else replace(aim, step=aim.step + 0.05)
+
+    monkeypatch.setattr(fidelity, "aim_at", astray)
+    moved = given.moved(sheet=True, thickness=0.0)
+    assert len(aims) == 2
+    gone = np.linalg.norm(moved.vertices - given.vertices, axis=1)
+    assert (gone <= np.linalg.norm(aims[0].step, axis=1) + 1e-4).all()
 
 
 def test_the_faces_of_a_thin_plate_do_not_meet() -> None:
