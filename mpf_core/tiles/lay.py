@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from mpf_core.field.blend import BlendedField
 from mpf_core.options import DataOptions
-from mpf_core.surface.fidelity import Aim, Data, aim_at, follow, taken
+from mpf_core.surface.aim import Aim, aim_at
+from mpf_core.surface.fidelity import taken
+from mpf_core.surface.following import Data, follow
 from mpf_core.surface.mesh import Mesh
 from mpf_core.tiles.patchfile import PATCHES, in_frame, read_patches
 

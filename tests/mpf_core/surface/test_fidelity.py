@@ -15,8 +15,10 @@ from mpf_core.cloud.normalize import Similarity
 from mpf_core.heeding import Late
 from mpf_core.options import DataOptions, SurfaceOptions
 from mpf_core.quality.topology import topology
-from mpf_core.surface import coarsen, fidelity
-from mpf_core.surface.fidelity import Moved, follow_data, onto_data
+from mpf_core.surface import coarsen, fidelity, following
+from mpf_core.surface.aim import Aim
+from mpf_core.surface.fidelity import follow_data, onto_data
+from mpf_core.surface.following import Moved
 from mpf_core.surface.intersections import self_intersections
 from mpf_core.surface.isosurface import Grid, extract
 from mpf_core.surface.mesh import Mesh
@@ -158,7 +160,7 @@ def test_what_stayed_back_goes_on_in_a_second_round(monkeypatch: pytest.MonkeyPa
     given = shell()
     off = []
     for rounds in (1, 2):
-        monkeypatch.setattr(fidelity, "ROUNDS", rounds)
+        monkeypatch.setattr(following, "ROUNDS", rounds)
         moved = given.moved(sheet=True, thickness=0.0)  # so that the walls are in each other's way
         unharmed(given, moved)
         assert moved.taken_back > 0
@@ -172,7 +174,7 @@ def test_a_second_round_that_comes_too_late_leaves_the_first(
     given, asked = shell(), []
     whole = fidelity.aim_at
 
-    def once(*arguments: Any) -> fidelity.Aim:
+    def once(*arguments: Any) -> Aim:
         asked.append(arguments)
         if len(asked) == 2:
             raise Late
@@ -180,7 +182,7 @@ def test_a_second_round_that_comes_too_late_leaves_the_first(
 
     monkeypatch.setattr(fidelity, "aim_at", once)
     late = given.moved(sheet=True, thickness=0.0)
-    monkeypatch.setattr(fidelity, "ROUNDS", 1)
+    monkeypatch.setattr(following, "ROUNDS", 1)
     alone = given.moved(sheet=True, thickness=0.0)
     assert len(asked) == 3
     assert np.array_equal(late.vertices, alone.vertices)
@@ -191,7 +193,7 @@ def test_a_second_round_goes_no_farther_than_was_left(monkeypatch: pytest.Monkey
     given, aims = shell(), []
     whole = fidelity.aim_at
 
-    def astray(*arguments: Any) -> fidelity.Aim:
+    def astray(*arguments: Any) -> Aim:
         aim = whole(*arguments)
         aims.append(aim)
         return aim if len(aims) == 1 else replace(aim, step=aim.step + 0.05)
