@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from mpf_core.experiments.asked import QUICK_POINTS, SETS, Asked
 from mpf_core.experiments.trial import Trial
 from mpf_core.options import PRESETS
 
-SHAPES = (("wave", 10_000), ("cube-sheet", 10_000), ("plate-0.05", 10_000))
+# Three clean clouds, on which all is changed; and two on which the start knows less, with noise and
+# with holes, on which each term is left out.
+SHAPES = (
+    Trial("wave", "wave"),
+    Trial("cube-sheet", "cube-sheet"),
+    Trial("plate-0.05", "plate-0.05"),
+)
+HARDER = (
+    Trial("wave with noise", "wave", noise=0.005),
+    Trial("vase, parts missing", "vase", holes=3),
+)
 TERMS = ("align", "normal", "lap", "phase", "far", "eik_r", "eik_phi", "zero")
 FACTORS = (0.0, 10.0)
 
@@ -43,7 +54,7 @@ _TABLE_4 = {
     "λ phase × 10": "2.08",
     "λ phase × 0": "10.68",
 }
-CITED = {f"{shape}, {label}": value for shape, _ in SHAPES for label, value in _TABLE_4.items()}
+CITED = {f"{shape.label}, {label}": value for shape in SHAPES for label, value in _TABLE_4.items()}
 
 BETAS, BETAS_ALONE = (1.0, 50.0, 100.0, 500.0), (0.01, 1.0, 50.0)
 THIN = "plate-0.05"
@@ -52,20 +63,27 @@ THIN = "plate-0.05"
 def terms(asked: Asked) -> list[Trial]:
     """Each λ at 0, 1 and 10 times, then each addition left out, from the preset asked for."""
     preset = asked.preset or "balanced"
+    left_out: dict[str, dict[str, Any]] = {"as it is": {}}
     changed: dict[str, dict[str, Any]] = {"as it is": {}}
     for name in TERMS:
         weight = getattr(PRESETS[preset].fit, f"weight_{name}")
         for factor in FACTORS:
             changed[f"λ {name} × {factor:g}"] = {f"weight_{name}": factor * weight}
+        left_out[f"λ {name} × 0"] = {f"weight_{name}": 0.0}
     if preset != "paper":
         changed |= ADDITIONS
-    shapes = SHAPES[:1] if asked.quick else SHAPES
     if asked.quick:
         kept = ("as it is", "φ = r·P, no residual")
-        changed = {label: changed[label] | dict.fromkeys(SETS, 64) for label in kept}
+        small = {label: changed[label] | dict.fromkeys(SETS, 64) for label in kept}
+        return _changed(replace(SHAPES[0], points=QUICK_POINTS), small)
+    made = [_changed(cloud, changed) for cloud in SHAPES]
+    made += [_changed(cloud, left_out) for cloud in HARDER]
+    return [one for trials in made for one in trials]
+
+
+def _changed(cloud: Trial, changed: dict[str, dict[str, Any]]) -> list[Trial]:
     return [
-        _trial(f"{shape}, {label}", shape, QUICK_POINTS if asked.quick else points, own)
-        for shape, points in shapes
+        replace(cloud, label=f"{cloud.label}, {label}", options=tuple(sorted(own.items())))
         for label, own in changed.items()
     ]
 
@@ -94,8 +112,5 @@ def _thin(label: str, own: dict[str, Any], asked: Asked, method: str = "mpf") ->
         own |= {"max_iterations": 60, "width": 32, "resolution": 32}
         own |= dict.fromkeys(SETS, 64)
         own |= {"laplacian_points": 64}
-    return _trial(label, THIN, QUICK_POINTS if asked.quick else 10_000, own, method)
-
-
-def _trial(label: str, shape: str, points: int, own: dict[str, Any], method: str = "mpf") -> Trial:
-    return Trial(label, shape, points, method=method, options=tuple(sorted(own.items())))
+    points = QUICK_POINTS if asked.quick else 10_000
+    return Trial(label, THIN, points, method=method, options=tuple(sorted(own.items())))

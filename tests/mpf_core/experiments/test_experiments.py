@@ -148,13 +148,24 @@ def test_an_ablation_changes_one_thing_at_a_time() -> None:
     for preset in ("balanced", "paper"):
         made = suite.trials("ablation", Asked(preset=preset))
         base = options_to_mapping(options_from(dict(made[0].options)))
-        of_wave = [t for t in made if t.shape == "wave"]
+        of_wave = [t for t in made if t.label.startswith("wave,")]
         for one in of_wave[1:]:
             options = options_to_mapping(options_from(dict(one.options)))
             assert any(options[name] != base[name] for name in dict(one.options)), one.label
         terms = [t.label for t in of_wave if "λ" in t.label and "×" in t.label]
         assert len(terms) == 2 * len(ablation.TERMS)
         assert ("wave, no warm start" in {t.label for t in of_wave}) is (preset == "balanced")
+
+
+def test_an_ablation_leaves_each_term_out_where_the_start_knows_less() -> None:
+    made = suite.trials("ablation", Asked())
+    for cloud in ablation.HARDER:
+        of_it = [t for t in made if t.label.startswith(f"{cloud.label}, ")]
+        assert len(of_it) == 1 + len(ablation.TERMS)
+        assert {(t.shape, t.noise, t.holes) for t in of_it} == {
+            (cloud.shape, cloud.noise, cloud.holes)
+        }
+        assert all(v == 0.0 for t in of_it for k, v in t.options if k.startswith("weight_"))
 
 
 def test_table_has_means_spreads_and_citations(tmp_path: Path) -> None:
