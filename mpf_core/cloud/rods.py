@@ -4,7 +4,8 @@ A patch of a rod two spacings thick holds its far side too: PCA turns the normal
 and no voxel lies within, so that the rod would start as a hollow tube of one layer. Here a cylinder
 is fitted to each patch (its axis the direction that the normals have least in common with, its
 section a circle by the algebraic fit of Kåsa 1976, its axis tilted once by what is left). Where the
-circle holds the patch and the patch reaches far enough round it, the sample is on a rod.
+circle holds the patch, the patch reaches far enough round it, and there are samples opposite, the
+sample is on a rod.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ ROUND = 2.0  # radians of the circle that the patch must cover; less is a fold o
 # Of the radius: how far the patch scatters about the circle of a rod for sure, and beside such a
 # rod; that of a square beam scatters by 0.1.
 SURE, LEFT = 0.07, 0.11
+# Spacings from the other side of the circle within which a sample must lie: a fold as tight as a
+# rod is open there.
+OPPOSITE = 1.0
 HELD = 0.7  # share of the patch that the circle must hold; the rest may be leaf or another rod
 ROUNDS = 3  # of the fit, in which what lies off the circle counts less and less
 AGREE = 0.5  # share of a sample's links that must be on rods too
@@ -62,6 +66,9 @@ def find_rods(
         patch = (points[index] - points[part, None]) / spacing[part, None, None]
         outward[part], size, left[part] = _cylinders(patch, normals[index])
         radius[part] = size * spacing[part]
+        held = part[left[part] < LEFT]
+        opposite = points[held] - 2 * radius[held, None] * outward[held]
+        left[held[tree.query(opposite)[0] > OPPOSITE * spacing[held]]] = np.inf
 
     if n > PATCH:
         in_parts(look, len(rows), threads)

@@ -41,6 +41,17 @@ def test_a_rod_as_thick_as_its_samples_are_apart_is_solid(bend: float, noise: fl
     assert (start.at((middle + 0.04 * normal)[inner]).theta > 0).mean() > 0.99
 
 
+def test_a_fold_as_tight_as_a_rod_is_none() -> None:
+    """Half of a rod, whose two rims alone are opposite each other."""
+    points, _, normal = rod(0.04, 1000)
+    assert analyse(points).rods.mean() > 0.9
+    assert analyse(points[normal[:, 1] > 0]).rods.mean() < 0.1
+
+
+def test_a_dress_is_no_rod() -> None:
+    assert analyse(sample("dress", 10_000, 1)).rods.mean() < 0.001
+
+
 @pytest.mark.parametrize(
     ("name", "count"), [("torus", 5000), ("wave", 5000), ("cube-sheet", 10_000)]
 )
