@@ -163,7 +163,8 @@ def _course(neighbours: Neighborhoods, lid: Array, voxel: float) -> float:
     _, piece = csgraph.connected_components(links, directed=False)
     size = np.bincount(piece)
     middle = np.stack([np.bincount(piece, lid[:, i]) / size for i in range(3)], axis=1)
-    ends = np.flatnonzero(neighbours.rim.any(1))
+    # What nothing around confirms, such as an outlier, ends no surface.
+    ends = np.flatnonzero(neighbours.rim.any(1) & neighbours.consistent)
     distance, index = nearest(tree, neighbours.points[ends], 1)
     # The lid begins where the discs of the samples end.
     reach = 2 * voxel + neighbours.disc_radius[ends] + neighbours.spacing[ends]

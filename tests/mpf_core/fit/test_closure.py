@@ -8,13 +8,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mpf_core.cloud.neighbors import Neighborhoods
+from mpf_core.cloud.neighbors import Neighborhoods, analyse
 from mpf_core.cloud.normalize import Similarity
 from mpf_core.experiments.shapes import sample
 from mpf_core.fit import closure
 from mpf_core.fit.closure import close_gaps
 from mpf_core.fit.freespace import INSIDE, FreeSpace
-from mpf_core.fit.initialize import Initialization
+from mpf_core.fit.initialize import Initialization, initialize
 from mpf_core.known import known_of
 from mpf_core.options import Options
 from mpf_core.watch import Watch
@@ -71,6 +71,14 @@ def test_holes_are_seen_through_noise(noise: float) -> None:
     start = known_of(points, Options(), Watch(time.monotonic, None, None), 2).start
     assert start is not None
     assert start.seeded > 0.9
+
+
+@pytest.mark.parametrize(("shape", "solid"), [("holed-body", True), ("vase", False)])
+def test_outliers_end_no_surface(shape: str, solid: bool) -> None:
+    points = sample(shape, 10_000, 0, outliers=0.01)
+    points = Similarity.of(points).to_normalised(points)
+    seeded = initialize(analyse(points)).seeded
+    assert seeded > 0.9 if solid else seeded == 0
 
 
 def test_discs_merged_by_voxels_wind_around_the_same(
