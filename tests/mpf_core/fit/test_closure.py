@@ -75,7 +75,7 @@ def test_holes_are_seen_through_noise(noise: float) -> None:
 
 @pytest.mark.parametrize(("shape", "solid"), [("holed-body", True), ("vase", False)])
 def test_outliers_end_no_surface(shape: str, solid: bool) -> None:
-    points = sample(shape, 10_000, 0, outliers=0.01)
+    points = sample(shape, 20_000, 0, outliers=0.01)
     points = Similarity.of(points).to_normalised(points)
     seeded = initialize(analyse(points)).seeded
     assert seeded > 0.9 if solid else seeded == 0
