@@ -16,7 +16,7 @@ from mpf_core.surface.aim import Aim
 from mpf_core.surface.normals import unit_normals
 from mpf_core.surface.takeback import Motion, allowed_share
 
-ROUNDS = 2  # a third gains a tenth of what the second does
+ROUNDS = 2  # a third gains a third to a tenth of what the second does
 # Local spacings, or thicknesses of the field's shell, that a vertex moves in a round at most.
 FARTHEST = 1.0
 SETTLED = 0.99  # trust from which a vertex is taken to reach the data
