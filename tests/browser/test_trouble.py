@@ -161,6 +161,7 @@ def test_phone(context: BrowserContext, served: Served, finished: str, axe: str)
 def test_everything_can_be_done_by_keyboard(page: Page, served: Served, finished: str) -> None:
     page.goto(f"{served.url}/#/jobs/{finished}")
     stage(page, 1)
+    expect(page.get_by_text("Clip the view here")).to_be_visible()  # comes with the slices
     reached: set[str] = set()
     for _ in range(60):
         page.keyboard.press("Tab")

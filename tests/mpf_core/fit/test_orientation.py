@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import sparse
 
+from mpf_core.cloud import rods
 from mpf_core.cloud.neighbors import Neighborhoods, analyse
 from mpf_core.experiments.shapes import sample, shape
 from mpf_core.fit.freespace import FreeSpace, flood
@@ -85,8 +86,11 @@ def test_signs_are_carried_across_sharp_edges() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_pleats_closer_than_their_patches_keep_one_side(seed: int) -> None:
-    """Their tight folds look like thin walls, which their normals leave on alternate sides."""
+def test_pleats_closer_than_their_patches_keep_one_side(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where tight folds are taken for rods, their normals leave these on alternate sides."""
+    monkeypatch.setattr(rods, "OPPOSITE", np.inf)
     points, exact = sample("dress", 10_000, seed), shape("dress")
     cloud = analyse(points, threads=1)
     hints = outward_seeds(cloud, flood(cloud))
