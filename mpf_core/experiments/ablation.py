@@ -61,7 +61,8 @@ THIN = "plate-0.05"
 
 
 def terms(asked: Asked) -> list[Trial]:
-    """Each λ at 0, 1 and 10 times, then each addition left out, from the preset asked for."""
+    """Each λ at 0, 1 and 10 times, then each addition left out, from the preset asked for; on the
+    harder clouds each term left out."""
     preset = asked.preset or "balanced"
     left_out: dict[str, dict[str, Any]] = {"as it is": {}}
     changed: dict[str, dict[str, Any]] = {"as it is": {}}

@@ -11,7 +11,6 @@ import importlib.metadata
 import json
 import os
 import platform
-import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -23,8 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mpf_core.cloud.limits import DEFAULT_LIMITS, HEADER_BYTES
 from mpf_core.cloud.neighbors import median_spacing
 from mpf_core.cloud.normalize import Similarity
+from mpf_core.cloud.plyheader import parse_header
 from mpf_core.cloud.pointcloud import PointCloud
 from mpf_core.cloud.reader import read_cloud
 from mpf_core.errors import MPFError
@@ -39,7 +40,6 @@ from mpf_core.surface.mesh import Mesh
 Row = dict[str, Any]
 FITS = ("mpf", "course", "process")  # methods that are reconstructions: whole, watched, apart
 SCANS = (".xyz", ".txt", ".pts", ".ply")
-HEADER = 65_536  # bytes within which that of a PLY file ends
 _LIBRARIES = ("numpy", "scipy", "torch", "libigl")
 
 
@@ -200,8 +200,8 @@ def machine() -> dict[str, str]:
 def _has_triangles(path: Path) -> bool:
     """Whether the header of a PLY file names faces."""
     with path.open("rb") as file:
-        header = file.read(HEADER).partition(b"end_header")[0]
-    return re.search(rb"^element\s+face\s+0*[1-9]", header, re.MULTILINE) is not None
+        header = parse_header(file.read(HEADER_BYTES), path.stat().st_size, DEFAULT_LIMITS)
+    return header is not None and any(e.name == "face" and e.count for e in header.elements)
 
 
 def _executed(trial: Trial, directory: Path, method: Method, samples: int) -> Row:

@@ -171,7 +171,7 @@ def _at_sample(tally, r, theta, p, of_r, of_theta, normal, oriented, weights, co
 
 
 @inline
-def _in_band(tally, r, of_r, of_theta, wall, weights, constants):
+def _in_band(tally, r, of_r, of_theta, layered, weights, constants):
     """eik_r and align at one point: r̄, ∇r's bar, ∇θ's."""
     off, of_length = _unit_length(of_r)
     tally[EIK_R] += off
@@ -179,7 +179,7 @@ def _in_band(tally, r, of_r, of_theta, wall, weights, constants):
     length_theta = math.sqrt(_dot(of_theta, of_theta) + SOFT**2)
     cosine = _dot(of_r, of_theta) / (length_r * length_theta)
     window = math.exp(-constants[2] * r)
-    if wall == 1.0:
+    if layered == 1.0:
         window *= min(_dot(of_theta, of_theta), 1.0)
     apart = window * (1.0 - abs(cosine))
     tally[ALIGN] += apart

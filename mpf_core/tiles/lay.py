@@ -16,7 +16,7 @@ from mpf_core.surface.aim import Aim, aim_at
 from mpf_core.surface.fidelity import taken
 from mpf_core.surface.following import Data, follow
 from mpf_core.surface.mesh import Mesh
-from mpf_core.tiles.patchfile import PATCHES, in_frame, read_patches
+from mpf_core.tiles.patchfile import PATCHES, in_frame, read_fit, read_patches
 
 SUMMED = ("step", "outward", "front", "trust", "offset", "spacing")
 
@@ -53,9 +53,9 @@ def _fits(blend: BlendedField, files: list[Path]) -> tuple[float, float]:
     """Standard error and bandwidth of the tiles' local fits, in the whole's frame, by medians."""
     errors, widths = [], []
     for tile, file in zip(blend.tiles, files, strict=True):
-        found, unit = read_patches(file), blend.similarity.scale / tile.similarity.scale
-        errors.append(found.patches.deviation * unit)
-        widths.append(found.patches.kernel * found.median_spacing * unit)
+        fit, unit = read_fit(file), blend.similarity.scale / tile.similarity.scale
+        errors.append(fit.deviation * unit)
+        widths.append(fit.kernel * fit.median_spacing * unit)
     return float(np.median(errors)), float(np.median(widths))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -35,6 +35,16 @@ class TilePatches:
     median_spacing: float
 
 
+class Fit(NamedTuple):
+    """Of a tile's local fits: thickness of its shells, standard error, kernel over the spacing, and
+    the median spacing of the samples; lengths are the tile's."""
+
+    thickness: float
+    deviation: float
+    kernel: float
+    median_spacing: float
+
+
 def patch_bytes(patches: Patches, median_spacing: float) -> bytes:
     """The file's content."""
     lengths = ("thickness", "kernel", "deviation")
@@ -50,10 +60,21 @@ def read_patches(path: Path) -> TilePatches:
         return opened(path, LARGEST_FILE, _read)
 
 
-def _read(file: Any) -> TilePatches:
+def read_fit(path: Path) -> Fit:
+    """What the file tells of its local fits, without the patches. Raises as `read_patches`."""
+    with as_tile_errors():
+        return opened(path, LARGEST_FILE, _fit)
+
+
+def _fit(file: Any) -> Fit:
     about = described(file, ENTRY, VERSION)
     thickness, deviation = (number(about, n, 0.0, 4.0) for n in ("thickness", "deviation"))
     kernel, spacing = number(about, "kernel", 1e-3, 1e3), number(about, "median_spacing", 1e-9, 4.0)
+    return Fit(thickness, deviation, kernel, spacing)
+
+
+def _read(file: Any) -> TilePatches:
+    fit = _fit(file)
     shape = file.get_slice("points").get_shape() if "points" in file.keys() else []  # noqa: SIM118
     if len(shape) != 2 or not 1 <= shape[0] <= MOST:
         raise wrong("it holds no patches, or too many")
@@ -70,8 +91,10 @@ def _read(file: Any) -> TilePatches:
     if not all(np.isfinite(a).all() for a in (points, normals, curvature, local)):
         raise wrong("it holds values that are not finite")
     tree = cKDTree(points)
-    patches = Patches(points, tree, normals, curvature, local, sheet, thickness, kernel, deviation)
-    return TilePatches(patches, spacing)
+    patches = Patches(
+        points, tree, normals, curvature, local, sheet, fit.thickness, fit.kernel, fit.deviation
+    )
+    return TilePatches(patches, fit.median_spacing)
 
 
 def in_frame(found: TilePatches, own: Similarity, whole: Similarity) -> TilePatches:
