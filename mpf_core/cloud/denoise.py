@@ -4,14 +4,15 @@ Where the samples scatter across the surface by as much as their spacing, neighb
 size see a ball, not a plane. The neighbourhood is enlarged until it looks flat; samples are then
 projected onto its weighted plane (one step of moving least squares, Levin 2003), and thinned to
 the spacing that their noise allows. That is enough to find normals and sides; with those,
-`smoothed` fits quadrics to the samples as they were measured, which errs half as much.
+`smoothed` fits quadrics to the samples as they were measured, which errs half as much, and again
+with the normals of these, which are better and often allow a wider kernel.
 The two sides of a thin wall scatter as widely, but in two peaks: of them the spread within a side
 counts.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,9 @@ SIZES = (16, 30, 50, 100, 160)  # neighbours tried
 FLAT = 0.4  # median spread across over spread along the surface that counts as flat
 PROBES = 2000  # samples at which sizes are judged
 ROUNDS = 2
+QUADRIC_ROUNDS = 4  # at most, each with the normals and the kernel that the one before allows
+AT_REST = 0.02  # of the spacing: nine of ten samples move by less in a round that is the last
+WIDE = 1.5  # times the noise: fits of narrower kernels follow it, and their normals would even more
 
 Array = NDArray[np.float64]
 
@@ -94,23 +98,27 @@ def smoothed(
 
     `normals` (m, 3) are those of the analysed points, oriented where sides matter.
     """
-    facing, spacing, tree = normals, neighbours.spacing, neighbours.tree
-    if measured is not neighbours.points:
+    points, facing = neighbours.points, normals
+    tree, spacing, scale = neighbours.tree, neighbours.spacing, neighbours.spacing
+    own = np.arange(len(points))
+    if measured is not points:
         tree = cKDTree(measured)
-        facing = normals[nearest(neighbours.tree, measured, 1, threads)[1][:, 0]]
         spacing = nearest(tree, measured, SPACING_NEIGHBOUR + 1, threads)[0][:, -1]
-    samples = Samples(measured, facing, tree)
+        scale = spacing[nearest(tree, points, 1, threads)[1][:, 0]]
+        own = nearest(neighbours.tree, measured, 1, threads)[1][:, 0]
+    samples = Samples(measured, facing[own], tree)
     kernel = best_kernel(samples, spacing, threads)
     if kernel.exact:
         return None
-    scale = spacing
-    if measured is not neighbours.points:
-        scale = spacing[nearest(tree, neighbours.points, 1, threads)[1][:, 0]]
-    points, direction = neighbours.points, normals
-    for _ in range(ROUNDS):
-        size = kernel.width, kernel.neighbours
-        fit = fitted(samples, points, direction, scale, size, threads)
-        points, direction = points + fit.height[:, None] * fit.normals, fit.normals
+    typical = float(np.median(spacing))
+    for _ in range(QUADRIC_ROUNDS):
+        fit = fitted(samples, points, facing, scale, kernel.size, threads)
+        points, facing = points + fit.height[:, None] * fit.normals, fit.normals
+        if np.percentile(np.abs(fit.height) / scale, 90) < AT_REST:
+            break
+        if kernel.width * typical > WIDE * kernel.noise:
+            samples = replace(samples, normals=facing[own])
+            kernel = best_kernel(samples, spacing, threads)
     return Smoothed(points, kernel.noise)
 
 

@@ -30,7 +30,7 @@ CURVED = 1.25  # of the narrowest kernel's error, that of the next if the surfac
 BETTER = 0.999  # of the error, at most, that a wider kernel must leave to be taken
 OUTLYING = 3.0  # medians of the errors, beyond which they count no more: edges and rims
 PROBES = 3000  # samples at which kernels are judged
-PAIRS = 12_000_000  # of points and neighbours: what a fit to all may cost, some seconds
+PAIRS = 32_000_000  # of points and neighbours: what a fit to all may cost, some seconds
 AT_ONCE = 400_000  # of them on each thread: some 150 MB of temporaries
 
 Array = NDArray[np.float64]
@@ -68,6 +68,11 @@ class Kernel:
     deviation: float
     noise: float
     exact: bool
+
+    @property
+    def size(self) -> tuple[float, int]:
+        """What `fitted` asks for."""
+        return self.width, self.neighbours
 
 
 def fitted(

@@ -77,9 +77,8 @@ def patches_of(
     """
     samples = Samples(cloud.points, normals, cloud.tree)
     kernel = best_kernel(samples, cloud.spacing, threads)
-    size = kernel.width, kernel.neighbours
     for _ in range(ROUNDS):
-        fit = fitted(samples, cloud.points, samples.normals, cloud.spacing, size, threads)
+        fit = fitted(samples, cloud.points, samples.normals, cloud.spacing, kernel.size, threads)
         samples = replace(samples, normals=fit.normals)
     points, tree = cloud.points, cloud.tree
     if not kernel.exact:

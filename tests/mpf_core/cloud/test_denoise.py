@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mpf_core.cloud.denoise import denoise, smoothed
+from mpf_core.cloud.denoise import Smoothed, denoise, smoothed
 from mpf_core.cloud.neighbors import analyse
 from tests.mpf_core.clouds import plane, sphere
 
@@ -120,6 +120,33 @@ def test_bends_are_told_from_noise_where_the_narrowest_kernel_serves_both() -> N
         assert np.abs(found.points[:, 2] - moved)[inner].mean() < 0.65 * np.abs(across).mean()
 
 
+def test_folds_are_smoothed_with_the_normals_of_their_own_quadrics() -> None:
+    """0.31 of the noise stays with the normals of small neighbourhoods alone."""
+    found, folds = _folds(0.008)
+    assert found is not None
+    assert np.abs(folds).mean() < 0.26 * 0.008
+    assert found.noise == pytest.approx(0.008, rel=0.1)
+
+
+def test_normals_of_fits_that_follow_the_noise_are_not_taken() -> None:
+    """Noise nearly as large as the spacing; with them 0.8 of it would be seen."""
+    points = sphere(20_000, noise=0.03)
+    cleaned = denoise(points)
+    neighbours = analyse(cleaned.thinned)
+    found = smoothed(cleaned.measured, neighbours, oriented(cleaned.thinned, neighbours.normals))
+    assert found is not None
+    assert found.noise == pytest.approx(0.03, rel=0.1)
+
+
+def test_kernels_of_dense_clouds_are_as_wide_as_their_noise_asks() -> None:
+    """0.10 of the noise stays with 200 neighbours, for which there are enough samples here."""
+    points = sphere(20_000, noise=0.008)
+    neighbours = analyse(points)
+    found = smoothed(points, neighbours, oriented(points, neighbours.normals))
+    assert found is not None
+    assert np.abs(np.linalg.norm(found.points, axis=1) - 1).mean() < 0.085 * 0.008
+
+
 def test_the_two_sides_of_a_wall_keep_apart_while_they_are_smoothed() -> None:
     sheet = plane(50)
     points = np.concatenate([sheet, sheet + np.array([0.01, 0.007, 0.15])])
@@ -133,6 +160,29 @@ def test_the_two_sides_of_a_wall_keep_apart_while_they_are_smoothed() -> None:
         inner = side & (np.abs(points[:, :2]) < 0.8).all(1)
         assert found.points[inner, 2].mean() == pytest.approx(height, abs=0.002)
         assert found.points[inner, 2].std() < 0.005
+
+
+def _folds(noise: float) -> tuple[Smoothed | None, NDArray[np.float64]]:
+    """A smoothed sheet of deep folds, and by how much its inner samples are off."""
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1, 1, (8000, 2))
+
+    def height(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(0.15 * np.sin(4 * np.pi * x))
+
+    def normal(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        n = np.column_stack([-0.6 * np.pi * np.cos(4 * np.pi * x), 0 * x, np.ones_like(x)])
+        return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
+
+    across = noise * rng.normal(size=(len(x), 1)) * normal(x[:, 0])
+    points = np.column_stack([x, height(x[:, 0])]) + across
+    neighbours = analyse(points)
+    up = np.einsum("ni,ni->n", neighbours.normals, normal(x[:, 0]))
+    found = smoothed(points, neighbours, neighbours.normals * np.sign(up)[:, None])
+    if found is None:
+        return None, across[:, 2]
+    inner = found.points[(np.abs(found.points[:, :2]) < 0.9).all(1)]
+    return found, (inner[:, 2] - height(inner[:, 0])) * normal(inner[:, 0])[:, 2]
 
 
 def oriented(points: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.float64]:
