@@ -165,13 +165,14 @@ def _course(neighbours: Neighborhoods, lid: Array, voxel: float) -> float:
     middle = np.stack([np.bincount(piece, lid[:, i]) / size for i in range(3)], axis=1)
     # What nothing around confirms, such as an outlier, ends no surface.
     ends = np.flatnonzero(neighbours.rim.any(1) & neighbours.consistent)
-    distance, index = nearest(tree, neighbours.points[ends], 1)
     # The lid begins where the discs of the samples end.
     reach = 2 * voxel + neighbours.disc_radius[ends] + neighbours.spacing[ends]
-    close = distance[:, 0] < reach
-    ends, piece_of = ends[close], piece[index[close, 0]]
-    if not len(ends):
+    # An end counts for every piece near it: between a lid and its rim there may be crumbs.
+    at = tree.query_ball_point(neighbours.points[ends], reach)
+    own = np.repeat(ends, [len(voxels) for voxels in at])
+    if not len(own):
         return 1.0
+    ends, piece_of = np.unique(np.stack([own, piece[np.concatenate(at).astype(int)]]), axis=1)
     towards = middle[piece_of] - neighbours.points[ends]
     towards /= np.linalg.norm(towards, axis=1, keepdims=True) + 1e-12
     cosine = np.einsum("ni,ni->n", neighbours.rim[ends], towards)
