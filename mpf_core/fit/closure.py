@@ -35,7 +35,7 @@ INVENTED = 0.12  # largest share of the boundary without samples
 LITTLE = 0.02  # share up to which a lid may also stand across the surface, as where feet are cut
 CRACK = 0.01  # share up to which a lid is a crack between discs, whatever the surface does there
 # Least mean cosine between the end of the surface and the lid.
-TOWARDS, ACROSS = 0.35, -0.2
+TOWARDS, ACROSS = 0.35, -0.3
 # Voxels and spacings from a sample within which its normal tells the side.
 NEAR, PAST = 1.5, 0.9
 MANY = 100_000  # samples from which a tree over all of them takes seconds
@@ -167,12 +167,13 @@ def _course(neighbours: Neighborhoods, lid: Array, voxel: float) -> float:
     ends = np.flatnonzero(neighbours.rim.any(1) & neighbours.consistent)
     # The lid begins where the discs of the samples end.
     reach = 2 * voxel + neighbours.disc_radius[ends] + neighbours.spacing[ends]
-    # An end counts for every piece near it: between a lid and its rim there may be crumbs.
+    # An end counts for the largest piece near it: between a lid and its rim there may be crumbs.
     at = tree.query_ball_point(neighbours.points[ends], reach)
-    own = np.repeat(ends, [len(voxels) for voxels in at])
-    if not len(own):
+    near = np.array([len(voxels) > 0 for voxels in at], dtype=bool)
+    if not near.any():
         return 1.0
-    ends, piece_of = np.unique(np.stack([own, piece[np.concatenate(at).astype(int)]]), axis=1)
+    ends = ends[near]
+    piece_of = np.array([max(piece[voxels], key=size.__getitem__) for voxels in at if voxels])
     towards = middle[piece_of] - neighbours.points[ends]
     towards /= np.linalg.norm(towards, axis=1, keepdims=True) + 1e-12
     cosine = np.einsum("ni,ni->n", neighbours.rim[ends], towards)
