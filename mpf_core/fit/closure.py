@@ -168,12 +168,13 @@ def _course(neighbours: Neighborhoods, lid: Array, voxel: float) -> float:
     # The lid begins where the discs of the samples end.
     reach = 2 * voxel + neighbours.disc_radius[ends] + neighbours.spacing[ends]
     # An end counts for the largest piece near it: between a lid and its rim there may be crumbs.
+    heed()
     at = tree.query_ball_point(neighbours.points[ends], reach)
-    near = np.array([len(voxels) > 0 for voxels in at], dtype=bool)
-    if not near.any():
+    found = [(end, piece[voxels]) for end, voxels in zip(ends, at, strict=True) if voxels]
+    if not found:
         return 1.0
-    ends = ends[near]
-    piece_of = np.array([max(piece[voxels], key=size.__getitem__) for voxels in at if voxels])
+    ends = np.array([end for end, _ in found])
+    piece_of = np.array([pieces[size[pieces].argmax()] for _, pieces in found])
     towards = middle[piece_of] - neighbours.points[ends]
     towards /= np.linalg.norm(towards, axis=1, keepdims=True) + 1e-12
     cosine = np.einsum("ni,ni->n", neighbours.rim[ends], towards)

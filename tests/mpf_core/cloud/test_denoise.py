@@ -123,7 +123,6 @@ def test_bends_are_told_from_noise_where_the_narrowest_kernel_serves_both() -> N
 def test_folds_are_smoothed_with_the_normals_of_their_own_quadrics() -> None:
     """0.31 of the noise stays with the normals of small neighbourhoods alone."""
     found, folds = _folds(0.008)
-    assert found is not None
     assert np.abs(folds).mean() < 0.26 * 0.008
     assert found.noise == pytest.approx(0.008, rel=0.1)
 
@@ -162,7 +161,7 @@ def test_the_two_sides_of_a_wall_keep_apart_while_they_are_smoothed() -> None:
         assert found.points[inner, 2].std() < 0.005
 
 
-def _folds(noise: float) -> tuple[Smoothed | None, NDArray[np.float64]]:
+def _folds(noise: float) -> tuple[Smoothed, NDArray[np.float64]]:
     """A smoothed sheet of deep folds, and by how much its inner samples are off."""
     rng = np.random.default_rng(0)
     x = rng.uniform(-1, 1, (8000, 2))
@@ -179,8 +178,7 @@ def _folds(noise: float) -> tuple[Smoothed | None, NDArray[np.float64]]:
     neighbours = analyse(points)
     up = np.einsum("ni,ni->n", neighbours.normals, normal(x[:, 0]))
     found = smoothed(points, neighbours, neighbours.normals * np.sign(up)[:, None])
-    if found is None:
-        return None, across[:, 2]
+    assert found is not None
     inner = found.points[(np.abs(found.points[:, :2]) < 0.9).all(1)]
     return found, (inner[:, 2] - height(inner[:, 0])) * normal(inner[:, 0])[:, 2]
 
